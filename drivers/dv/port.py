@@ -1,19 +1,157 @@
-"""One TCP port that gives one stream to any number of clients."""
+"""One TCP port that gives one stream to any number of clients, each with its own bounded queue.
+
+A client that is too slow loses the oldest messages. Nothing here waits.
+"""
 
 from __future__ import annotations
 
 import selectors
 import socket
+from collections import deque
+from dataclasses import dataclass
 
-from evs.drivers.dv.clients import Client, Sent
 from evs.msgs import EvsError
 
+MAX_QUEUE_BYTES = 64 * 1024 * 1024
+"""Most bytes that wait for one client; a single message may be larger."""
+
+PATIENCE_S = 300.0
+"""How long a client may read nothing before it is disconnected. A cut cable gives no sign, and a
+client may be stopped in a debugger."""
+
+_MOST_PATIENCE_S = 5 * 32767.0
+"""the operating system has no longer pauses"""
+_RECEIVE_BYTES = 4096
+
+
+@dataclass
+class Sent:
+    """Counts over all clients of a stream."""
+
+    packets: int = 0
+    """messages that the operating system took whole"""
+    bytes: int = 0
+    packets_dropped: int = 0
+    elements_dropped: int = 0
+    """events, frames, samples or triggers in them"""
+
+
+class Client:
+    """A connection whose other end only listens."""
+
+    def __init__(
+        self,
+        link: socket.socket,
+        header: bytes,
+        queue: int,
+        sent: Sent,
+        patience_s: float = PATIENCE_S,
+    ) -> None:
+        """Serve a new connection.
+
+        Args:
+            link: A connected socket.
+            header: The bytes that the client receives first.
+            queue: How many messages may wait.
+            sent: The counts of the stream.
+            patience_s: After how long without reading the client is disconnected, s.
+        """
+        link.setblocking(False)
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        _notice_death(link, patience_s)
+        self.link = link
+        self._queue, self._sent = queue, sent
+        # a message that was begun must be completed, or the client loses its place in the stream
+        self._begun = memoryview(header)
+        self._begun_elements = -1
+        """-1: it is the header"""
+        self._waiting: deque[tuple[bytes, int]] = deque()
+        self._waiting_bytes = 0
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether something is left to send."""
+        return bool(self._begun or self._waiting)
+
+    def put(self, message: bytes, elements: int) -> None:
+        """Queue one message; where the queue is full, the oldest ones are dropped."""
+        self._waiting.append((message, elements))
+        self._waiting_bytes += len(message)
+        while len(self._waiting) > self._queue or (
+            self._waiting_bytes > MAX_QUEUE_BYTES and len(self._waiting) > 1
+        ):
+            oldest, lost = self._waiting.popleft()
+            self._waiting_bytes -= len(oldest)
+            self._sent.packets_dropped += 1
+            self._sent.elements_dropped += lost
+
+    def flush(self) -> bool:
+        """Send what the operating system takes; return False once the client is gone."""
+        try:
+            while self._begun or self._begin():
+                done = self.link.send(self._begun)
+                self._sent.bytes += done
+                self._begun = self._begun[done:]
+                if not self._begun:
+                    self._sent.packets += self._begun_elements >= 0
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+        return True
+
+    def read(self) -> bool:
+        """Discard what it sends, which means nothing; return False once it has left."""
+        try:
+            return bool(self.link.recv(_RECEIVE_BYTES))
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+
+    def close(self) -> None:
+        """Close the connection; messages that still wait are dropped and counted."""
+        if self._begun and self._begun_elements >= 0:
+            self._waiting.append((b"", self._begun_elements))
+        self._sent.packets_dropped += len(self._waiting)
+        self._sent.elements_dropped += sum(elements for _, elements in self._waiting)
+        self._waiting.clear()
+        self._begun = memoryview(b"")
+        self.link.close()
+
+    def _begin(self) -> bool:
+        if not self._waiting:
+            return False
+        message, self._begun_elements = self._waiting.popleft()
+        self._waiting_bytes -= len(message)
+        self._begun = memoryview(message)
+        return True
+
+
+def _notice_death(link: socket.socket, patience_s: float) -> None:
+    """Have the operating system detect a client that is gone; by default that takes hours."""
+    link.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    patience_s = min(patience_s, _MOST_PATIENCE_S)
+    pause_s = max(1, round(patience_s / 5))
+    for name, value in (
+        # nothing to send: probe after a pause, then four times
+        ("TCP_KEEPIDLE", pause_s),
+        ("TCP_KEEPINTVL", pause_s),
+        ("TCP_KEEPCNT", 4),
+        # something to send, and the client reads nothing
+        ("TCP_USER_TIMEOUT", round(1000 * patience_s)),
+    ):
+        # not every system has every one
+        if hasattr(socket, name):
+            link.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+
+
 MAX_CLIENTS = 64
-"""Of one stream; who comes after them is hung up on, and counted."""
+"""Most clients of a stream; further ones are disconnected at once, and counted."""
 
 
 class Port:
-    """A listening socket and its clients. Nothing here waits but `linger`, its caller's choice."""
+    """A listening socket and its clients."""
 
     def __init__(
         self,
@@ -24,18 +162,30 @@ class Port:
         selector: selectors.BaseSelector,
         patience_s: float,
     ) -> None:
-        """Bind. EvsError: the port is in use, or the host not this machine's."""
+        """Bind the port.
+
+        Args:
+            host: Address of a network interface of this machine.
+            number: The port; 0: a free one.
+            header: The bytes that each client receives first.
+            queue: How many messages may wait for each client.
+            selector: Where the sockets are registered, with (self, client or None).
+            patience_s: After how long without reading a client is disconnected, s.
+
+        Raises:
+            EvsError: The port is in use, or the host is not this machine's.
+        """
         self.sent = Sent()
         self.clients: list[Client] = []
         self.came = 0
-        """clients so far"""
+        """number of clients so far"""
         self.refused = 0
         self._header, self._queue, self._selector = header, queue, selector
         self._patience_s = patience_s
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._listener = socket.socket(family, socket.SOCK_STREAM)
         try:
-            # a port that a run just left may be taken again at once
+            # the port of a run that has just ended can be bound again at once
             self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             self._listener.bind((host, number))
             self._listener.listen(MAX_CLIENTS)
@@ -57,28 +207,28 @@ class Port:
             self._drop(client)
 
     def send(self, message: bytes, elements: int) -> None:
-        """Give one message to every client, as far as each takes it now."""
+        """Send one message to every client, as far as each can take it now."""
         for client in tuple(self.clients):
             client.put(message, elements)
             self._flush(client)
 
     def flush(self) -> None:
-        """Send what waits, as far as the clients take it now."""
+        """Send what waits, as far as the clients can take it now."""
         for client in tuple(self.clients):
             if client.is_waiting:
                 self._flush(client)
 
     @property
     def is_waiting(self) -> bool:
-        """Whether any client has something to come."""
+        """Whether messages wait for any client."""
         return any(client.is_waiting for client in self.clients)
 
     def waiting_links(self) -> list[socket.socket]:
-        """The sockets of those that have."""
+        """The sockets of the clients for which messages wait."""
         return [client.link for client in self.clients if client.is_waiting]
 
     def close(self) -> None:
-        """Hang up on every client and give the port back."""
+        """Disconnect every client and release the port."""
         for client in tuple(self.clients):
             self._drop(client)
         self._selector.unregister(self._listener)
@@ -88,7 +238,7 @@ class Port:
         try:
             link, _ = self._listener.accept()
         except OSError:
-            # it knocked and went away, or this process has no file descriptor left for it
+            # the client is gone already, or this process has no file descriptor left
             self.refused += 1
             return
         if len(self.clients) >= MAX_CLIENTS:

@@ -9,8 +9,7 @@ from typing import Any
 
 from evs.drivers.bus.address import bindable, is_ipc
 from evs.drivers.clock import monotonic_s
-from evs.drivers.dv.clients import PATIENCE_S
-from evs.drivers.dv.port import Port
+from evs.drivers.dv.port import PATIENCE_S, Port
 from evs.drivers.files.aedat4 import compression as compressions
 from evs.drivers.files.aedat4 import description, layout
 from evs.drivers.files.aedat4.auxiliary import frame_body, imu_body, triggers_body
@@ -26,11 +25,11 @@ from evs.msgs import (
 )
 
 LINGER_S = 2.0
-"""How long a closing server waits for its clients to take what waits for them."""
+"""How long a closing server waits for its clients to read what waits for them."""
 
 GRACE_S = 0.5
-"""How long it then stays on the line: dv's NetworkReader forgets, when a server hangs up, what its
-program has not fetched from it."""
+"""How long it then stays connected: when a server disconnects, dv's NetworkReader discards what its
+program has not read yet."""
 
 STREAMS = len(description.KINDS)
 """Ports that each camera has: events, frames, imu, triggers."""
@@ -44,9 +43,9 @@ class DvServer(Sink):
     With tcp://HOST:PORT, events are on PORT, frames on PORT + 1, imu on PORT + 2, triggers on
     PORT + 3 (those that the camera has), the next camera's on PORT + 4 and so on; with port 0 each
     is a free one. Nothing is encoded for a stream without clients. A client that is too slow loses
-    the oldest packets once `queue` of them (or 64 MiB) wait for it; nobody else notices, and the
-    camera never waits. One that takes nothing for `patience_s` is disconnected. One thread uses it:
-    clients are read and served whenever the camera writes.
+    the oldest packets once `queue` of them (or 64 MiB) wait for it; other clients are not affected,
+    and the camera never waits. One that reads nothing for `patience_s` is disconnected. There is no
+    thread: clients are read and served whenever the camera writes.
     """
 
     streams = frozenset({Stream.EVENTS, Stream.FRAMES, Stream.IMU, Stream.TRIGGERS})
@@ -76,7 +75,7 @@ class DvServer(Sink):
             patience_s: After how long without reading a client is disconnected, s.
 
         Raises:
-            EvsError: A value or an address that cannot be.
+            EvsError: A value is too small, or the address is not valid.
         """
         for name, value, least in (
             ("queue", queue, 1),
@@ -106,7 +105,14 @@ class DvServer(Sink):
         }
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
-        """Bind every port and wait for clients. EvsError: a port in use, nobody came."""
+        """Bind every port and wait for clients.
+
+        Args:
+            streams: One for each camera.
+
+        Raises:
+            EvsError: A port is in use, or too few clients connected in time.
+        """
         if self._selector is not None:
             raise EvsError("this DV server is open already: close it first, or make another")
         self._selector = selectors.DefaultSelector()
@@ -152,14 +158,14 @@ class DvServer(Sink):
             self._send(port, description.TRIGGER_STREAM, body, len(packet))
 
     def close(self) -> dict[str, Any]:
-        """Give the clients `linger_s` to take what waits, then hang up. Safe to call twice."""
+        """Give the clients `linger_s` to read what waits, then disconnect. Safe to call twice."""
         if self._selector is not None:
             try:
                 self._linger()
             finally:
                 self._closed_report = self._counts()
                 self._release()
-                # what lingered in vain counts as dropped
+                # what nobody read in that time counts as dropped
                 self._closed_report |= self._totals()
         return {"type": "dv", "address": self._address, **self._closed_report}
 
@@ -187,12 +193,12 @@ class DvServer(Sink):
         port.send(message, elements)
 
     def _read_clients(self, wait_s: float = 0.0) -> None:
-        """Read who came, left or sent something."""
+        """Accept new clients, drop those that left, and discard what they sent."""
         if self._selector is None:
             return
         for key, _ in self._selector.select(wait_s):
             port, client = key.data
-            # an earlier one of these may have ended it
+            # an earlier one of these may have removed it
             if client is None or client in port.clients:
                 port.read(client)
 
@@ -259,7 +265,7 @@ class DvServer(Sink):
 
 
 def _place(address: str, insecure: bool) -> tuple[str, int]:
-    """Host and port of tcp://HOST:PORT; EvsError for a host that others reach, unless so wanted."""
+    """Host and port of tcp://HOST:PORT. EvsError: not local, and `insecure` is off."""
     bound = bindable(address, True)
     if is_ipc(bound):
         raise EvsError(f"DV needs an address of the form tcp://HOST:PORT, not '{address}'")

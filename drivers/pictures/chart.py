@@ -16,17 +16,18 @@ from evs.drivers.pictures.chart_layout import (
     RIGHT_PX,
     TITLE_PX,
     TOP_PX,
+    Box,
     Chart,
+    Name,
     Place,
     Series,
     frame_of,
     levels,
+    names_of,
     place_of,
 )
 from evs.drivers.pictures.colours import U8
-from evs.drivers.pictures.label_placement import Box
 from evs.drivers.pictures.pen import FINE, GREY, INK_RGB, PAPER_RGB, RGB, Pen, text_width
-from evs.drivers.pictures.point_names import Name, names_of
 
 PICTURE_AT = (LEFT_PX - 58, TOP_PX)
 

@@ -27,9 +27,18 @@ def clip_frames(
     scale: int | None = None,
     background: Backgrounds | None = None,
 ) -> Iterator[U8]:
-    """playback.frame_count pictures of one size: (page height, page width, 3), even both.
+    """Draw the frames of a clip.
 
-    In: events sorted by t; width, height of the sensor in px; scale: whole factor, None: by size.
+    Args:
+        events: (n,) EVENT_DTYPE, sorted by t.
+        width: Sensor width, px.
+        height: Sensor height, px.
+        playback: Which time each frame shows.
+        scale: Whole factor by which pixels are enlarged; None: by the sensor's size.
+        background: The light behind the events.
+
+    Yields:
+        playback.frame_count pictures of one size: (page height, page width, 3), both even.
     """
     factor = scale or whole_factor(width, height, CLIP_PX)
     size_px = clip_font_size(width * factor)

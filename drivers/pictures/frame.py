@@ -9,7 +9,7 @@ from evs.msgs import Events, EvsError
 
 
 def events_between(events: Events, begin_us: int, end_us: int) -> Events:
-    """The events with begin_us < t <= end_us, as a view. In: events sorted by t."""
+    """The events with begin_us < t <= end_us, a view of `events`, which are sorted by t."""
     first, last = np.searchsorted(events["t"], (begin_us, end_us), side="right")
     return events[first:last]
 
@@ -21,11 +21,19 @@ def count_polarities(events: Events) -> tuple[int, int]:
 
 
 def event_frame(events: Events, width: int, height: int, background: U8 | None = None) -> U8:
-    """Events in colour over a grey picture.
+    """Draw events in colour over a grey picture.
 
-    In: events (n,); background (height, width) grey, None: paper white. Out: (height, width, 3).
-    A pixel with several events has the colour of the last one. Raises EvsError where an event
-    lies outside the sensor or the background has another size.
+    Args:
+        events: (n,) EVENT_DTYPE; a pixel with several events has the colour of the last one.
+        width: Sensor width, px.
+        height: Sensor height, px.
+        background: (height, width) grey; None: paper white.
+
+    Returns:
+        (height, width, 3).
+
+    Raises:
+        EvsError: An event lies outside the sensor, or the background has another size.
     """
     if background is None:
         grey = np.full((height, width), PAPER, np.uint8)
@@ -50,7 +58,7 @@ def event_frame(events: Events, width: int, height: int, background: U8 | None =
 
 
 def upscale(picture: U8, factor: int) -> U8:
-    """Every pixel becomes factor x factor equal pixels. In: (h, w) or (h, w, 3)."""
+    """Enlarge a picture, (h, w) or (h, w, 3): each pixel becomes factor x factor equal pixels."""
     return picture.repeat(factor, axis=0).repeat(factor, axis=1)
 
 

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.pictures.colours import U8
+from evs.drivers.pictures.colours import U8, exposure_for, to_srgb8
 from evs.drivers.pictures.playback import Playback
-from evs.drivers.pictures.tone_mapping import exposure_for, to_srgb8
 from evs.msgs import Frame
 
 LightOf = Callable[[Any], npt.NDArray[np.float32]]

@@ -22,7 +22,7 @@ PLEASANT_ASPECT = 16 / 9
 
 @dataclass(frozen=True)
 class Shot:
-    """One instant: the events of a window, and the light it ended with if somebody kept it."""
+    """One instant: the events of a window, and the light at its end if that is known."""
 
     end_us: int
     window_us: int
@@ -35,9 +35,17 @@ class Shot:
 def preview(
     shots: Sequence[Shot], width: int, height: int, title: str = "", scale: int | None = None
 ) -> U8:
-    """The page: (page height, page width, 3).
+    """Draw shots on one page.
 
-    In: at least one shot; width, height of the sensor in px; scale: whole factor, None: by size.
+    Args:
+        shots: At least one.
+        width: Sensor width, px.
+        height: Sensor height, px.
+        title: A line under the shots; empty: none.
+        scale: Whole factor by which pixels are enlarged; None: by the sensor's size.
+
+    Returns:
+        (page height, page width, 3).
     """
     factor = scale or whole_factor(width, height, PANEL_PX)
     panel_width, panel_height = width * factor, height * factor

@@ -1,4 +1,4 @@
-"""Packets of ticks into event messages: as long, or as large, as the drivers' thresholds say."""
+"""Event messages made of the packets of ticks, by thresholds of time and size."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from evs.msgs import EventPacket, EvsError
 from evs.msgs.codecs import LAST_ROS_US, PAYLOADS, TIME_ORIGIN_US, PayloadWriter
 
 LONGEST_S = 1000.0
-"""A message in `libcaer` has 31 bits for the us, which wrap; its decoders take it to be shorter."""
+"""A message in `libcaer` has 31 bits for the us, which wrap; decoders expect no longer message."""
 
 MOST_MONO_S = 4.0
 """A message in `mono` has 32 bits for the ns since its first event."""
@@ -16,7 +16,7 @@ MOST_MONO_S = 4.0
 
 @dataclass(frozen=True)
 class EventMessage:
-    """What an event_camera_msgs/EventPacket says."""
+    """The content of an event_camera_msgs/EventPacket."""
 
     first_us: int
     """simulated time of its first event"""
@@ -24,7 +24,7 @@ class EventMessage:
     time_base_ns: int
     data: bytes
     events: int
-    """in it"""
+    """number of its events"""
 
 
 class EventMessageBuilder:
@@ -33,9 +33,16 @@ class EventMessageBuilder:
     def __init__(
         self, encoding: str, time_threshold_s: float, size_threshold: int, start_us: int = 0
     ) -> None:
-        """In: what a message spans at least, s, unless it reaches so many bytes before.
+        """Start with no events.
 
-        start_us, what the stream's stamps begin at: the second 1 of evt3's clock.
+        Args:
+            encoding: evt3, libcaer or mono.
+            time_threshold_s: Least time that a message spans, s, unless it reaches its size before.
+            size_threshold: The size at which a message is complete, bytes.
+            start_us: Start of the stream, us, at which evt3's clock reads 1 s.
+
+        Raises:
+            EvsError: A threshold is out of range.
         """
         if not 0 <= time_threshold_s <= LONGEST_S:
             raise EvsError(
@@ -64,7 +71,7 @@ class EventMessageBuilder:
         return self._writer.encoding
 
     def add(self, packet: EventPacket) -> list[EventMessage]:
-        """Take one packet; Out: the message that it completes, if it does."""
+        """Add one packet; return the message that it completes, if any."""
         if len(packet):
             base_us = self._first_us if self._parts else None
             base_ns, data = self._writer.payload(packet.events, base_us)
@@ -80,7 +87,7 @@ class EventMessageBuilder:
         return self.rest() if is_long or self._bytes >= self._size else []
 
     def rest(self) -> list[EventMessage]:
-        """What is gathered so far, as a message; none if nothing is."""
+        """The events gathered so far as a message; an empty list if there are none."""
         if not self._parts:
             return []
         data = self._parts[0] if len(self._parts) == 1 else b"".join(self._parts)
@@ -90,7 +97,7 @@ class EventMessageBuilder:
 
 
 def check_start(start_us: int, camera: str) -> None:
-    """EvsError: ROS's time ends before the stream begins."""
+    """Check the start of a stream. EvsError: ROS's time ends before it."""
     if start_us > LAST_ROS_US:
         raise EvsError(
             f"camera '{camera}' begins at {start_us} us, ROS's time ends at {LAST_ROS_US} us: give "
@@ -99,7 +106,7 @@ def check_start(start_us: int, camera: str) -> None:
 
 
 def check_size(encoding: str, width: int, height: int, camera: str) -> None:
-    """EvsError: the encoding has not enough bits for the sensor."""
+    """Check the size of a sensor. EvsError: the encoding has too few bits for it."""
     limits = PAYLOADS[encoding]
     if width > limits.width or height > limits.height:
         raise EvsError(

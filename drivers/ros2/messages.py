@@ -1,4 +1,4 @@
-"""What a camera says as messages of ROS 2, each as the bytes of its CDR."""
+"""The data of a camera as messages of ROS 2, each as the bytes of its CDR."""
 
 from __future__ import annotations
 
@@ -28,7 +28,13 @@ class Messages:
     """Makes the messages of one camera. Stamps are simulated time."""
 
     def __init__(self, stream: StreamInfo, frame_id: str, world_frame: str) -> None:
-        """In: names of the optical frame (x right, y down, z forward) and of the world's."""
+        """Prepare the messages of a camera.
+
+        Args:
+            stream: The camera's stream.
+            frame_id: Name of the optical frame: x right, y down, z forward.
+            world_frame: Name of the world's frame.
+        """
         self._stream, self._frame_id, self._world_frame = stream, frame_id, world_frame
         self._store = typestore(2)
         self._seq = 0
@@ -101,9 +107,9 @@ class Messages:
 
 @cache
 def rehearse() -> None:
-    """Make one message of each type: the library writes a program for each when it first meets it.
+    """Make one message of each type: the library generates code for a type at its first use.
 
-    That takes 20 ms in all, which is too long for the first tick.
+    That takes 20 ms in all, too long for the first tick.
     """
     matrix = {"d": [], "k": [0.0] * 9, "r": [0.0] * 9, "p": [0.0] * 12}
     one = Messages(StreamInfo(1, 1, camera_info=matrix), "", "")
@@ -124,7 +130,7 @@ def clock_message(t_us: int) -> bytes:
 
 
 def _padded(data: memoryview) -> bytes:
-    """Whole words, as DDS has them."""
+    """Padded to whole words of 4 bytes, as DDS requires."""
     return b"".join((data, bytes(-len(data) % 4)))
 
 

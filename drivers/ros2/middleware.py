@@ -1,33 +1,106 @@
-"""DDS: a participant, its writers, and the types of ROS messages. The only door to cyclonedds."""
+"""DDS: the network interface, a participant, its writers, and the types of ROS messages.
+
+This is the only door to cyclonedds. DDS uses the loopback interface, unless others are meant to
+listen.
+"""
 
 from __future__ import annotations
 
 import ctypes
+import ipaddress
+import socket
 import weakref
+from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from evs.drivers.files.bags.library import typestore
-from evs.drivers.ros2.network import Interface
-from evs.msgs import EvsError
+from evs.msgs import EvsError, nearest_first
+
+_FLAG_LOOPBACK = 0x8
+
+MAX_DOMAIN_ID = 232
+"""Higher domains would need ports that do not exist."""
+
+
+@dataclass(frozen=True)
+class Interface:
+    """One interface, by name or address; with neither, the middleware chooses."""
+
+    name: str = ""
+    address: str = ""
+    is_loopback: bool = False
+
+    def __str__(self) -> str:
+        return self.name or self.address or "any interface"
+
+
+def interface_of(word: str, insecure: bool) -> Interface:
+    """The interface for a configuration value.
+
+    Args:
+        word: Name or address of an interface; empty: the loopback one, or any if `insecure`.
+        insecure: Whether other machines may read what is published.
+
+    Raises:
+        EvsError: There is no such interface, or other machines could read it without `insecure`.
+    """
+    chosen = _found(word or ("" if insecure else "lo"))
+    if not (chosen.is_loopback or insecure):
+        raise EvsError(
+            f"cannot publish for ROS 2 on {chosen}: DDS has no keys here, whoever is on that "
+            "network sees what the camera sees; leave interface out, or set insecure=true"
+        )
+    return chosen
+
+
+def checked_domain(number: int) -> int:
+    """The domain's number, unchanged. EvsError: it is out of the range of ROS_DOMAIN_ID."""
+    if not 0 <= number <= MAX_DOMAIN_ID:
+        raise EvsError(f"domain_id is {number}: give 0 ... {MAX_DOMAIN_ID}")
+    return number
+
+
+def _found(word: str) -> Interface:
+    if not word:
+        return Interface()
+    try:
+        address = ipaddress.ip_address(word)
+    except ValueError:
+        known = [name for _, name in socket.if_nameindex()]
+        if word not in known:
+            names = ", ".join(nearest_first(word, known))
+            raise EvsError(f"no network interface '{word}' here; there is: {names}") from None
+        return Interface(name=word, is_loopback=_is_loopback(word))
+    return Interface(address=word, is_loopback=address.is_loopback)
+
+
+def _is_loopback(name: str) -> bool:
+    flags = Path("/sys/class/net", name, "flags")
+    try:
+        return bool(int(flags.read_text(), 16) & _FLAG_LOOPBACK)
+    except OSError:
+        return name == "lo"
+
 
 QUEUE_BYTES = "1 GB"
-"""What a reliable writer may keep for slow readers; how many messages that are is its depth."""
+"""Most bytes that a reliable writer holds for slow readers; its depth limits the messages."""
 
 _LOOPBACK_FRAGMENTS = "<MaxMessageSize>65000B</MaxMessageSize><FragmentSize>60000B</FragmentSize>"
 """A datagram on the loopback interface may be as large as UDP permits."""
 
 PLACES = 32
-"""Programs that find each other in a domain of the loopback interface without multicast."""
+"""Most programs that discover each other on the loopback interface without multicast."""
 
 _LOOPBACK_PEERS = (
     "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
     f"<MaxAutoParticipantIndex>{PLACES}</MaxAutoParticipantIndex>"
     '<Peers><Peer address="localhost"/></Peers></Discovery>'
 )
-"""Nodes that are told to stay on this machine may do without multicast. So they are asked one by
-one, at the places where ROS's own middleware looks for its like."""
+"""Nodes that stay on this machine may have no multicast. They are therefore discovered one by one,
+at the ports that ROS's own middleware uses."""
 
 
 def load() -> Any:
@@ -48,7 +121,7 @@ def load() -> Any:
 
 
 class _Bytes(ctypes.Structure):
-    """What the types of the library's Python face take for a message: its CDR."""
+    """A message as the library's C interface takes it: its CDR."""
 
     _fields_ = (("data", ctypes.c_void_p), ("size", ctypes.c_size_t))
 
@@ -57,19 +130,27 @@ class Writer:
     """Writes the messages of one topic, each as the bytes of its CDR."""
 
     def __init__(self, participant: Any, name: str, kind: str, reliable: bool, depth: int) -> None:
-        """In: name, as ROS has it (/camera/events); kind, as in sensor_msgs/msg/Imu."""
+        """Join a topic.
+
+        Args:
+            participant: The library's participant.
+            name: Name of the topic in ROS, such as /camera/events.
+            kind: Type of its messages, such as sensor_msgs/msg/Imu.
+            reliable: Whether each message is repeated until readers have confirmed it.
+            depth: How many messages are held for slow readers.
+        """
         dds = load()
         policy = dds.core.Policy
         self._is_reliable = reliable
         self.readers = 0
-        """that are matched now"""
+        """number of readers that are matched now"""
         quality = dds.core.Qos(
-            # a writer that waited would hold up all others
+            # a writer that blocks would delay all others
             policy.Reliability.Reliable(0) if reliable else policy.Reliability.BestEffort,
             policy.Durability.Volatile,
             policy.History.KeepLast(depth),
         )
-        # asking would wait for a write that is under way
+        # a query would wait for a write in progress
         listener = dds.core.Listener(on_publication_matched=self._matched)
         topic = dds.topic.Topic(participant, f"rt{name}", topic_type(kind), qos=quality)
         self._writer: Any = dds.pub.DataWriter(participant, topic, qos=quality, listener=listener)
@@ -81,10 +162,10 @@ class Writer:
         )
 
     def write(self, data: bytes) -> bool:
-        """Hand one message over; False where the middleware does not take it.
+        """Write one message; return False where the middleware does not take it.
 
-        It waits where a slow link has filled the socket, but without Python's lock: the library's
-        own `write` keeps that, and turns bytes into CDR one by one besides (2 ms for 100 kB).
+        It blocks where a slow link has filled the socket, but without Python's lock. The library's
+        own `write` holds that lock, and converts bytes into CDR one by one (2 ms for 100 kB).
         """
         if self._writer is None:
             return False
@@ -92,18 +173,18 @@ class Writer:
         return int(self._write(self._writer._ref, ctypes.byref(message))) == 0
 
     def wait(self, seconds: float) -> bool:
-        """Until every reliable reader has confirmed what was written; False: not in that time."""
+        """Wait until reliable readers have confirmed all messages; return False on a timeout."""
         if not self._is_reliable or self._writer is None:
             return True
         try:
             return bool(self._writer.wait_for_acks(int(seconds * 1e9)))
         except (*self._failures, AttributeError):
-            # the library stumbles over a name of its own when the time is up
+            # the library itself raises an AttributeError on a timeout
             return False
 
     def close(self) -> None:
         """Leave the topic. Safe to call twice."""
-        # the library ends an entity with the last reference to it
+        # the library deletes an entity with the last reference to it
         self._writer = None
         self.readers = 0
 
@@ -115,7 +196,7 @@ class Participant:
     """A presence in a DDS domain, on one network interface."""
 
     def __init__(self, domain_id: int, interface: Interface) -> None:
-        """EvsError: the domain is in use by this process otherwise, or the interface is off."""
+        """Enter a domain. EvsError: this process uses it differently, or the interface is down."""
         dds = load()
         _silence(dds)
         self._domain: Any = _domain(dds, domain_id, _configuration(interface), interface)
@@ -139,7 +220,7 @@ class Participant:
 def topic_type(kind: str) -> Any:
     """The DDS struct of a ROS message, from the definition that bags use.
 
-    Its name is the one that ROS gives it: sensor_msgs::msg::dds_::Imu_.
+    It has the name that ROS gives it, such as sensor_msgs::msg::dds_::Imu_.
     """
     package, name = kind.split("/msg/")
     _, fields = typestore(2).fielddefs[kind]
@@ -162,11 +243,11 @@ def _member(described: Any) -> Any:
 
 
 _domains: dict[int, tuple[str, Any]] = {}
-"""Domains of this process: configured once, shared by its participants."""
+"""The domains of this process, each configured once and shared by its participants."""
 
 
 def _domain(dds: Any, number: int, configuration: str, interface: Interface) -> Any:
-    """The domain, kept while somebody refers to it."""
+    """The domain of this number; it lives as long as something refers to it."""
     known, reference = _domains.get(number, ("", lambda: None))
     shared = reference()
     if shared is not None:
@@ -190,7 +271,7 @@ def _domain(dds: Any, number: int, configuration: str, interface: Interface) -> 
 
 
 def _refused(number: int, interface: Interface) -> EvsError:
-    """The library says no more than that it cannot."""
+    """The error for a domain that the library cannot enter, for which it gives no reason."""
     places = f", or {PLACES} programs are in it: give another domain_id"
     return EvsError(
         f"cannot enter DDS domain {number} on {interface}: the interface is down (ip link set NAME "
@@ -199,14 +280,14 @@ def _refused(number: int, interface: Interface) -> EvsError:
 
 
 def _configuration(interface: Interface) -> str:
-    """The library's configuration; its environment variable counts for nothing."""
+    """The library's configuration, which overrides its environment variable."""
     if interface.name:
         chosen = f"name={quoteattr(interface.name)}"
     elif interface.address:
         chosen = f"address={quoteattr(interface.address)}"
     else:
         chosen = 'autodetermine="true"'
-    # the loopback interface does not say that it carries multicast, but it does
+    # the loopback interface carries multicast without declaring it
     chosen += ' multicast="true"' if interface.is_loopback else ""
     fragments, peers = "", ""
     if interface.is_loopback:
@@ -222,8 +303,8 @@ def _configuration(interface: Interface) -> str:
 
 @cache
 def _silence(dds: Any) -> None:
-    """No lines on stderr: with a cable unplugged the library writes thousands of them."""
-    # no Python face of the library has it
+    """Turn off the library's log on stderr, thousands of lines with a cable unplugged."""
+    # the library's Python interface has no such function
     set_mask = dds.internal.DDS._dll_handle.dds_set_log_mask
     set_mask.argtypes, set_mask.restype = [ctypes.c_uint32], None
     set_mask(0)

@@ -1,7 +1,7 @@
-"""Bounded queues in front of DDS writers, emptied by a thread: a slow network holds up nobody.
+"""Bounded queues in front of DDS writers, emptied by a thread, so that no network slows a camera.
 
-A writer of DDS hands its datagrams to the system at once, and waits where a slow link has filled
-the socket. So the camera only leaves messages here.
+A DDS writer sends its datagrams at once, and blocks where a slow link has filled the socket. The
+camera therefore only queues messages.
 """
 
 from __future__ import annotations
@@ -15,34 +15,34 @@ from evs.drivers.clock import monotonic_s
 from evs.msgs import EvsError
 
 MAX_QUEUE_BYTES = 64 * 1024 * 1024
-"""What may wait for one topic, however few messages that is; but always one message."""
+"""Most bytes that wait for one topic; a single message may be larger."""
 
 
 class Write(Protocol):
-    """What takes messages; middleware.Writer is one."""
+    """A writer of messages, such as middleware.Writer."""
 
     @property
     def readers(self) -> int:
-        """Who would get them."""
+        """Number of readers."""
 
     def write(self, data: bytes) -> bool:
-        """Hand one message over; False where it is not taken. It may wait."""
+        """Write one message; return False where it is not taken. It may block."""
 
     def wait(self, seconds: float) -> bool:
-        """Until reliable readers have what was written; False: not in that time."""
+        """Wait until reliable readers have all messages; return False on a timeout."""
 
     def close(self) -> None:
-        """Nothing more is written."""
+        """Leave the topic."""
 
 
 @dataclass
 class Counts:
-    """Of one topic."""
+    """Counts of one topic."""
 
     sent: int = 0
     """messages that DDS took"""
     bytes: int = 0
-    """in them"""
+    """bytes in them"""
     dropped: int = 0
     """messages that were too many, or that DDS did not take"""
     elements: int = 0
@@ -54,27 +54,27 @@ class TopicQueue:
     """One topic: its writer, and what waits for it."""
 
     def __init__(self, writer: Write, depth: int) -> None:
-        """In: depth, messages that may wait before the oldest are dropped."""
+        """Start empty; `depth` is how many messages may wait before the oldest are dropped."""
         self.writer, self.depth = writer, depth
         self.counts = Counts()
         self.waiting: deque[tuple[int, bytes, int]] = deque()
-        """(place in the order of all topics, message, elements in it)"""
+        """(number in the order of all topics, message, elements in it)"""
         self.waiting_bytes = 0
 
     def take(self) -> tuple[bytes, int]:
-        """The oldest message that waits, and its elements."""
+        """Remove the oldest message; return it and its number of elements."""
         _, data, elements = self.waiting.popleft()
         self.waiting_bytes -= len(data)
         return data, elements
 
     def drop(self) -> None:
-        """The oldest message is lost."""
+        """Drop the oldest message and count it."""
         self.counts.elements_dropped += self.take()[1]
         self.counts.dropped += 1
 
 
 class Sender:
-    """Sends what is put, in its order, on a thread of its own. `put` never waits for a network."""
+    """Sends messages in their order on a thread of its own; `put` never waits for a network."""
 
     def __init__(self) -> None:
         self.queues: list[TopicQueue] = []
@@ -85,7 +85,7 @@ class Sender:
         self._thread = threading.Thread(target=self._run, name="ros2", daemon=True)
 
     def add_queue(self, writer: Write, depth: int) -> TopicQueue:
-        """One more topic; before `start`."""
+        """Add a topic, before `start`."""
         self.queues.append(TopicQueue(writer, depth))
         return self.queues[-1]
 
@@ -94,7 +94,7 @@ class Sender:
         self._thread.start()
 
     def put(self, queue: TopicQueue, data: bytes, elements: int = 1) -> None:
-        """Leave one message; where the queue is full, the oldest ones are dropped and counted."""
+        """Queue one message; where the queue is full, the oldest ones are dropped and counted."""
         with self._changed:
             if self._failure is not None:
                 raise EvsError(f"sending to ROS 2 failed: {self._failure}") from self._failure
@@ -108,7 +108,7 @@ class Sender:
             self._changed.notify_all()
 
     def flush(self, seconds: float) -> None:
-        """Wait until what was put is sent (reliable: confirmed), for so long at most."""
+        """Wait until all messages are sent (reliable: confirmed), at most so many seconds."""
         deadline_s = monotonic_s() + seconds
         if not self._thread.is_alive():
             return
@@ -120,11 +120,11 @@ class Sender:
                 self._changed.wait(remaining_s)
         for queue in self.queues:
             if queue.counts.sent:
-                # reliable readers may still lack something
+                # reliable readers may not have everything yet
                 queue.writer.wait(max(0.0, deadline_s - monotonic_s()))
 
     def close(self, linger_s: float) -> None:
-        """Send what waits, for `linger_s` at most; what is left is dropped. Safe to call twice."""
+        """Send what waits for at most `linger_s`, then drop the rest. Safe to call twice."""
         self.flush(linger_s)
         with self._changed:
             self._ending = True
@@ -136,7 +136,7 @@ class Sender:
             self._thread.join(max(linger_s, 1.0))
 
     def _next(self) -> TopicQueue | None:
-        """The topic whose turn it is."""
+        """The queue with the oldest message; None if nothing waits."""
         waiting = (queue for queue in self.queues if queue.waiting)
         return min(waiting, key=lambda queue: queue.waiting[0][0], default=None)
 
@@ -151,7 +151,7 @@ class Sender:
                 self._busy = True
             try:
                 taken = queue.writer.write(data)
-            except BaseException as error:  # whatever it is, the camera has to know of it
+            except BaseException as error:  # any error is reported to the camera
                 with self._changed:
                     self._failure, self._busy = error, False
                     _count(queue.counts, False, len(data), elements)

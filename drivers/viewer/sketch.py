@@ -25,11 +25,20 @@ def sketch(
     colours: bool = True,
     braille: bool = True,
 ) -> list[str]:
-    """Lines of at most `columns` characters, at most `rows` of them.
+    """Draw a picture in characters of 2 x 4 dots each.
 
-    In: picture (h, w) of NOTHING, OFF, ON (windows.py). Each character is 2 x 4 dots; a dot is set
-    where any pixel of its part of the picture fired. With `colours` a character is blue or red by
-    what most of its dots say, in ANSI's 24-bit colours; without `braille` it is plain ASCII.
+    A dot is set where any pixel of its part of the picture fired.
+
+    Args:
+        picture: (h, w) of NOTHING, OFF, ON (windows.py).
+        columns: Most characters of a line.
+        rows: Most lines.
+        colours: Whether a character is blue or red by the majority of its dots, in ANSI's 24-bit
+            colours.
+        braille: Whether to use Unicode's braille patterns; if not, plain ASCII.
+
+    Returns:
+        The lines.
     """
     dots = _shrunk(picture, 2 * max(1, columns), 4 * max(1, rows))
     height, width = -(-dots.shape[0] // 4), -(-dots.shape[1] // 2)

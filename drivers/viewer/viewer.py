@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +17,15 @@ import numpy.typing as npt
 
 from evs.drivers.files.paths import target_error
 from evs.drivers.pictures.colours import OFF_RGB, ON_RGB, PAPER
-from evs.drivers.viewer.spool import Spool
 from evs.drivers.viewer.windows import NOTHING, OFF, ON, Window
 from evs.msgs import EvsError, Frame, StreamInfo
 
 APPLICATION = "evs"
 TIMELINE = "sim_time"
-"""Simulated time; nothing carries the wall clock's."""
+"""Simulated time; nothing carries the time of the wall clock."""
 
 PROGRAM = (sys.executable, "-P", "-m", "rerun")
-"""The viewer and its tools, as they come with the package."""
+"""The viewer and its tools, which the package contains."""
 
 
 def need_viewer() -> Any:
@@ -47,13 +47,13 @@ class Drawing:
     def __init__(self) -> None:
         self._rerun = need_viewer()
         self._stream = self._rerun.RecordingStream(APPLICATION, send_properties=False)
-        # no wall clock: neither when it was made nor when each thing was drawn
+        # no wall-clock times, neither of the file nor of what is drawn
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
         self._spool: Spool | None = None
 
     def to_file(self, path: Path) -> None:
-        """Write a .rrd file. EvsError where there is no place for it."""
+        """Write a .rrd file. EvsError: it cannot be created."""
         try:
             self._spool = Spool(path)
         except OSError as reason:
@@ -65,7 +65,7 @@ class Drawing:
 
     @property
     def failure(self) -> str:
-        """Why the file takes no more; empty: all is well."""
+        """Why writing the file stopped; empty if it did not."""
         return "" if self._spool is None else self._spool.failure
 
     def to_viewer(self, port: int) -> None:
@@ -108,7 +108,7 @@ class Drawing:
         self._stream.log(f"{frame.camera}/frames", self._rerun.Image(frame.pixels))
 
     def luminance(self, camera: str, t_us: int, picture: npt.NDArray[np.uint8]) -> None:
-        """The light that fell on the sensor, (h, w), as it is shown."""
+        """The light on the sensor, (h, w), as it is shown."""
         self._at(t_us)
         self._stream.log(f"{camera}/luminance", self._rerun.Image(picture))
 
@@ -119,14 +119,14 @@ class Drawing:
         position: tuple[float, float, float],
         orientation: tuple[float, float, float, float],
     ) -> None:
-        """Where the camera is, in the world: m, and a quaternion (x, y, z, w)."""
+        """The camera's pose in the world: position, m, and a quaternion (x, y, z, w)."""
         turn = self._rerun.Quaternion(xyzw=list(orientation))
         place = self._rerun.Transform3D(translation=list(position), quaternion=turn)
         self._at(t_us)
         self._stream.log(f"{camera}/pose", place)
 
     def close(self) -> None:
-        """Hand over everything that waits, and let go."""
+        """Send everything that waits, and disconnect."""
         self._stream.disconnect()
         if self._spool is not None:
             self._spool.join()
@@ -136,9 +136,10 @@ class Drawing:
 
 
 def open_window() -> tuple[subprocess.Popen[bytes], Path, int]:
-    """Start the viewer; Out: its process, a folder to remove when it has ended, its port.
+    """Start the viewer, with telemetry off by a configuration of our own; the user's is unchanged.
 
-    Its telemetry is off: it finds a configuration of ours that says so, and the user's stays.
+    Returns:
+        Its process, a folder to remove when the process has ended, and its port.
     """
     need_viewer()
     with socket.create_server(("127.0.0.1", 0)) as probe:
@@ -149,17 +150,63 @@ def open_window() -> tuple[subprocess.Popen[bytes], Path, int]:
 
 
 def quiet_environment(folder: Path) -> dict[str, str]:
-    """An environment in which Rerun's programs send nothing home; `folder` holds what says so."""
+    """An environment in which Rerun's telemetry is off, by a configuration file in `folder`."""
     place = folder / "rerun"
     place.mkdir(parents=True, exist_ok=True)
     config = place / "analytics.json"
-    # with a field less it takes the file for a broken one, and begins to collect
-    said = {
+    # if a field is missing, Rerun takes the file as broken and turns its telemetry on
+    settings = {
         "analytics_enabled": False,
         "analytics_id": "evs",
         "metadata": {},
         "config_file_path": str(config),
         "data_dir_path": str(place / "analytics"),
     }
-    config.write_text(json.dumps(said))
+    config.write_text(json.dumps(settings))
     return {**os.environ, "XDG_CONFIG_HOME": str(folder), "XDG_DATA_HOME": str(folder)}
+
+
+_CHUNK_BYTES = 1 << 20
+
+
+class Spool:
+    """A file that Rerun writes through a pipe, so that a full disk does not block it.
+
+    Rerun's own writer blocks for ever where its file cannot grow. Here the rest is discarded, and
+    `failure` gives the reason.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Create the file. OSError: it cannot be created."""
+        self.failure = ""
+        """the operating system's message when writing stopped; empty if it did not"""
+        self._file = path.open("wb", buffering=0)
+        self._outlet, self._inlet = os.pipe()
+        self._thread = threading.Thread(target=self._pump, name=f"spool {path.name}", daemon=True)
+        self._thread.start()
+
+    @property
+    def inlet(self) -> str:
+        """The path to open for writing, once, before `begun`."""
+        return f"/dev/fd/{self._inlet}"
+
+    def begun(self) -> None:
+        """To be called once Rerun has opened `inlet`: the file then ends when Rerun closes it."""
+        os.close(self._inlet)
+
+    def join(self) -> None:
+        """Wait until everything is written or discarded."""
+        self._thread.join()
+
+    def _pump(self) -> None:
+        with self._file:
+            while data := os.read(self._outlet, _CHUNK_BYTES):
+                if self.failure:
+                    continue
+                rest = memoryview(data)
+                try:
+                    while rest:
+                        rest = rest[self._file.write(rest) :]
+                except OSError as reason:
+                    self.failure = reason.strerror or str(reason)
+        os.close(self._outlet)

@@ -159,9 +159,10 @@ class Aedat2File(MultiStreamFile):
         return self.stream.width - 1 - x, self.stream.height - 1 - y, p
 
     def _probe(self, sized: bool) -> None:
-        """Find out what is beside the events; the smallest DAVIS that has all addresses, too.
+        """Find out whether there are frames and IMU samples, and the sensor's size.
 
-        In: sized, the size is known.
+        Args:
+            sized: Whether the size is known; if not, the smallest DAVIS that has all addresses.
         """
         x_most = y_most = 0
         has = {"frames": False, "imu": False}

@@ -44,9 +44,16 @@ def samples_in(body: bytes, head: Head) -> tuple[ImuSamples, int, int]:
 def frames_in(
     file: BinaryIO, at: int, head: Head
 ) -> Iterator[Frame | BadEventError | ColouredError | None]:
-    """What a packet of frames holds, one at a time: None for one that is marked invalid.
+    """Read the frames of a packet one at a time.
 
-    In: at, where they begin, bytes. After a BadEventError of a packed packet nothing follows.
+    Args:
+        file: The file.
+        at: Byte offset of the first frame.
+        head: The packet's header.
+
+    Yields:
+        A frame; None for one that is marked invalid; an error for one that is corrupt or in colour.
+        After a BadEventError of a compressed packet nothing follows.
     """
     end = at + head.length
     for _ in range(head.number):
@@ -101,7 +108,7 @@ def _frame(
 
 
 def _unpacked(data: bytes, width: int, height: int) -> npt.NDArray[np.uint16] | None:
-    from evs.drivers.pictures.grey_png import grey_png
+    from evs.drivers.pictures.image_files import grey_png
 
     if 2 * width * height > min(MAX_PICTURE_BYTES, MAX_DEFLATE * (len(data) + 64)):
         return None

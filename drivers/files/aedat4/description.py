@@ -63,12 +63,17 @@ def held_by(stream: StreamInfo) -> tuple[int, ...]:
 def to_xml(
     stream: StreamInfo, compression: str, numbers: Collection[int] = (), part: int | None = None
 ) -> str:
-    """The description of a file with an event stream, and those that come beside it.
+    """The description of a file with an event stream and its auxiliary streams.
 
     sizeX, sizeY and source are dv's; the other attributes of the events' info node are ours:
     camera_info, config, latency_us, part, seed, sensor, tick_us, versions (JSON where they are not
     plain text).
-    In: numbers, only these streams; part, which file of a recording in several ones this is.
+
+    Args:
+        stream: The camera's stream.
+        compression: none, lz4 or zstd.
+        numbers: Describe only these streams; empty: all that the camera has.
+        part: Number of this file in a recording of several files; None: there is one file.
     """
     root = ET.Element("dv", version="2.0")
     streams = _node(root, "outInfo", "/outInfo/")

@@ -123,10 +123,12 @@ def parse_events(body: bytes) -> Events:
 def data_table(
     stream: npt.ArrayLike, columns: npt.NDArray[np.int64], padding: bytes = b""
 ) -> bytes:
-    """The uncompressed data table of packets; columns (n, TABLE_COLUMNS).
+    """The uncompressed data table of packets.
 
-    In: stream, id of each packet's, (n,), or one for all.
-    `padding`, a multiple of 8 bytes, stands in front of the list and means nothing.
+    Args:
+        stream: (n,) number of each packet's stream, or one number for all.
+        columns: (n, TABLE_COLUMNS) int64.
+        padding: A multiple of 8 bytes in front of the list, without a meaning.
     """
     count = len(columns)
     # at `listed` the offsets of the n entries, then their one vtable, then they, at 4 mod 8

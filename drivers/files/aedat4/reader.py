@@ -351,7 +351,18 @@ def _or_none(found: ImuSamples | Triggers) -> ImuSamples | Triggers | None:
 
 
 def _table(file: BinaryIO, position: int, size: int, compression: str) -> tuple[int, int | None]:
-    """Out: (where the file's whole content ends, packets listed) of the table at `position`."""
+    """Read the data table at a byte offset.
+
+    Args:
+        file: The file.
+        position: Byte offset of the table.
+        size: Size of the file, bytes.
+        compression: none, lz4 or zstd.
+
+    Returns:
+        Byte offset at which the valid content ends, and the number of packets in the table; the
+        file's size and None if the table is not whole.
+    """
     file.seek(position)
     head = file.read(_TABLE_HEAD_BYTES)
     try:

@@ -1,4 +1,4 @@
-"""The superblock of an HDF5 file whose recorder was killed: it says that the file is being written.
+"""The superblock of an HDF5 file whose recorder was killed: it is marked as being written.
 
 The mark is a byte of it (version 3, "file consistency flags"); it ends with a checksum, Jenkins'
 lookup3. Sources: HDF5 File Format Specification 3.0, II.A; burtleburtle.net/bob/c/lookup3.c.
@@ -14,10 +14,15 @@ _MASK = 0xFFFFFFFF
 
 
 def unmarked(head: bytes, size: int) -> bytes | None:
-    """The superblock without the mark; None where there is no mark, or it is damaged.
+    """Remove the mark from a superblock.
 
-    In: head, the file's first BYTES; size of the file, bytes: what was written last may lie behind
-    the end that the superblock knows.
+    Args:
+        head: The first BYTES bytes of the file.
+        size: Size of the file, bytes; what was written last may lie behind the end that the
+            superblock states.
+
+    Returns:
+        The superblock without the mark; None where there is no mark, or it is damaged.
     """
     sound = head.startswith(_MAGIC) and len(head) == BYTES and head[_VERSION_AT] == 3
     if not sound or not head[_FLAGS_AT]:

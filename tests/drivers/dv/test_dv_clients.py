@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.drivers.dv.clients import Client, Sent
+from evs.drivers.dv.port import Client, Sent
 
 pytestmark = pytest.mark.property
 

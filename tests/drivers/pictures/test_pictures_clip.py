@@ -25,7 +25,7 @@ from evs.drivers.pictures import (
     write_mp4,
     write_png,
 )
-from evs.drivers.pictures.writers import GREY_LEVELS, gif_palette
+from evs.drivers.pictures.image_files import GREY_LEVELS, gif_palette
 from evs.msgs import EvsError, empty_events, make_events
 
 SIZES = [(1, 1), (1, 200), (200, 1), (32, 24), (346, 260), (640, 480), (1280, 720)]

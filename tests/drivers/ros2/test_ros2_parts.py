@@ -10,8 +10,8 @@ import pytest
 from evs.drivers.clock import monotonic_s
 from evs.drivers.ros2 import sender as sender_module
 from evs.drivers.ros2.event_messages import EventMessage, EventMessageBuilder
+from evs.drivers.ros2.middleware import checked_domain, interface_of
 from evs.drivers.ros2.names import node_path
-from evs.drivers.ros2.network import checked_domain, interface_of
 from evs.drivers.ros2.sender import Sender, TopicQueue
 from evs.drivers.ros2.statistics import Statistics
 from evs.msgs import EventPacket, Events, EvsError, make_events

@@ -10,10 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from evs.drivers.pictures.chart import draw_chart
-from evs.drivers.pictures.chart_layout import frame_of, place_of
-from evs.drivers.pictures.label_placement import overlap
+from evs.drivers.pictures.chart_layout import frame_of, names_of, overlap, place_of
 from evs.drivers.pictures.pen import INK_RGB, POINT_PX
-from evs.drivers.pictures.point_names import names_of
 from evs.drivers.pictures.scales import steps_around
 from evs.launch.commands import sweep as launch_sweep
 from evs.tools.sweep.pareto_chart import (

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evs.drivers.pictures.label_placement import Label, overlap, place_labels
+from evs.drivers.pictures.chart_layout import Label, overlap, place_labels
 from evs.tools.sweep.pareto_front import ParetoPoint, pareto_front
 from evs.tools.sweep.record import SweepRecord
 
