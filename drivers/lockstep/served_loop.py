@@ -9,8 +9,7 @@ import numpy.typing as npt
 
 from evs.drivers.lockstep.clients import Clients
 from evs.msgs import Observation, StreamInfo
-from evs.msgs.lockstep import LOCKSTEP_PROTOCOL
-from evs.msgs.lockstep import F64
+from evs.msgs.lockstep import F64, LOCKSTEP_PROTOCOL
 
 _STREAM = ("camera", "width", "height", "sensor", "tick_us", "seed", "latency_us")
 
