@@ -78,7 +78,7 @@ class Status:
     cameras: tuple[str, ...] = ()
     """Every camera on this bus, this one included."""
     last: dict[str, int] = field(default_factory=dict)
-    """Topic -> seq of this camera's last message there: frames, imu, pose, ground_truth."""
+    """Topic -> seq of this camera's last message on it: frames, imu, pose, ground_truth."""
     pace: Pace | None = None
     """How the run keeps its pace; None: it does not follow the wall clock."""
 

@@ -37,7 +37,7 @@ class Sent:
 
 
 class Client:
-    """A connection whose other end only listens."""
+    """A connection to a client that only reads."""
 
     def __init__(
         self,

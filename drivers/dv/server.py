@@ -44,8 +44,8 @@ class DvServer(Sink):
     PORT + 3 (those that the camera has), the next camera's on PORT + 4 and so on; with port 0 each
     is a free one. Nothing is encoded for a stream without clients. A client that is too slow loses
     the oldest packets once `queue` of them (or 64 MiB) wait for it; other clients are not affected,
-    and the camera never waits. One that reads nothing for `patience_s` is disconnected. There is no
-    thread: clients are read and served whenever the camera writes.
+    and the camera never waits. One that reads nothing for `patience_s` is disconnected. One
+    thread uses it: clients are read and served whenever the camera writes.
     """
 
     streams = frozenset({Stream.EVENTS, Stream.FRAMES, Stream.IMU, Stream.TRIGGERS})

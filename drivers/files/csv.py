@@ -72,7 +72,7 @@ class CsvFile(EventOnlyFile):
 
     Columns go by their names, where a line names them, else they are t, x, y, p. They are parted by
     commas, semicolons, tabs or blanks. Times with a decimal point are seconds, others us; polarity
-    is 1 for ON, 0 or -1 for OFF. Lines that begin with # say nothing.
+    is 1 for ON, 0 or -1 for OFF. Lines that begin with # are comments.
     """
 
     lines_at: int = 0
@@ -169,7 +169,7 @@ class CsvFile(EventOnlyFile):
 
     def _detect_columns(self, words: list[str]) -> None:
         """Find the columns in the line that names them."""
-        # faery tells the sensor's size too: x@346
+        # faery states the sensor's size too: x@346
         parts = [word.strip(" \"'").lower().partition("@") for word in words]
         lower = [name for name, _, _ in parts]
         column_index = [

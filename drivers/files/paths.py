@@ -21,18 +21,18 @@ def target_error(path: Path, reason: OSError) -> EvsError:
     return EvsError(f"cannot write {path}: {reason.strerror}; choose a place that you can write to")
 
 
-def stopped_text(path: Path, events: int, reason: OSError, kept: str) -> str:
+def stopped_text(path: Path, events: int, reason: OSError, outcome: str) -> str:
     """The message of a recorder that a full disk stops.
 
     Args:
         path: The recording.
         events: How many events it holds.
         reason: The error of the operating system.
-        kept: What becomes of them, in words.
+        outcome: What becomes of them, in words.
     """
     return (
-        f"recording to {path} stopped after {events} events: {reason.strerror}; {kept}, free some "
-        "space and run again"
+        f"recording to {path} stopped after {events} events: {reason.strerror}; {outcome}, free "
+        "some space and run again"
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -157,8 +156,3 @@ def by_tick(events: Events, stream: StreamInfo) -> Iterator[Events]:
 def part_us(tick_us: int) -> int:
     """Duration of the parts in which a stream is read, us."""
     return tick_us if tick_us > 1 else 1000
-
-
-def size_of(path: str | os.PathLike[str]) -> int:
-    """Size of a file, bytes."""
-    return Path(path).stat().st_size

@@ -1,4 +1,4 @@
-"""One picture of a rendered frame: every channel as a panel in its own colours."""
+"""One picture of a rendered frame: a panel for each channel, in its own colours."""
 
 from __future__ import annotations
 
@@ -21,13 +21,17 @@ PANEL_PX = 320
 Values = npt.NDArray[Any]
 
 NOTHING = 232
-"""Grey of what is not there: infinite, NaN, id -1."""
+"""Grey of missing values: infinite, NaN, id -1."""
 
 
 def channel_page(frame: Mapping[str, Values]) -> U8:
-    """Panels of (h, w, ...) channels in columns, each with its caption: (height, width, 3).
+    """Draw the channels of a frame as panels in columns, each with its caption.
 
-    What is not (h, w, ...) is left out; at least one channel must be.
+    Args:
+        frame: Name -> (h, w, ...) values; other shapes are left out, and at least one must remain.
+
+    Returns:
+        (height, width, 3).
     """
     panels = {name: panel(name, np.asarray(value)) for name, value in frame.items()
               if np.ndim(value) > 1}  # fmt: skip
@@ -74,41 +78,41 @@ def panel(name: str, value: Values) -> tuple[U8, str]:
 
 
 def _nearness(name: str, value: Values) -> tuple[U8, str]:
-    """Near is dark; the far end is what 98 % lie before."""
-    there = np.isfinite(value)
-    if not there.any():
+    """Distances as grey: near is dark, and the 98th percentile is the far end."""
+    valid = np.isfinite(value)
+    if not valid.any():
         return np.full((*value.shape, 3), NOTHING, np.uint8), f"{name}: nothing there"
-    near, far = float(value[there].min()), float(np.quantile(value[there], 0.98))
-    clipped = np.clip(np.where(there, value, far), near, far)
+    near, far = float(value[valid].min()), float(np.quantile(value[valid], 0.98))
+    clipped = np.clip(np.where(valid, value, far), near, far)
     share = (clipped - near) / max(far - near, 1e-30)
-    grey = np.where(there, 20 + 190 * share, NOTHING).astype(np.uint8)
+    grey = np.where(valid, 20 + 190 * share, NOTHING).astype(np.uint8)
     return _three(grey), f"{name}: {near:.3g} ... {far:.3g} m"
 
 
 def _coloured(share: Values) -> U8:
-    """(h, w, 3) numbers 0 ... 1 as colours; NaN is nothing."""
-    there = np.all(np.isfinite(share), -1, keepdims=True)
-    return np.where(there, 255 * np.clip(np.nan_to_num(share), 0, 1), NOTHING).astype(np.uint8)
+    """(h, w, 3) numbers 0 ... 1 as colours; NaN is a missing value."""
+    valid = np.all(np.isfinite(share), -1, keepdims=True)
+    return np.where(valid, 255 * np.clip(np.nan_to_num(share), 0, 1), NOTHING).astype(np.uint8)
 
 
 def _wheel(flow: Values) -> tuple[U8, str]:
-    """Hue is the direction, strength the speed; still is white."""
-    there = np.all(np.isfinite(flow), -1)
-    flow = np.where(there[..., np.newaxis], flow, 0.0).astype(np.float64)
+    """Motion as colours: hue is the direction, saturation the speed; still is white."""
+    valid = np.all(np.isfinite(flow), -1)
+    flow = np.where(valid[..., np.newaxis], flow, 0.0).astype(np.float64)
     speed = np.hypot(flow[..., 0], flow[..., 1])
-    most = float(np.quantile(speed[there], 0.995)) if there.any() else 0.0
+    most = float(np.quantile(speed[valid], 0.995)) if valid.any() else 0.0
     most = most or float(speed.max())
     share = np.clip(speed / most, 0, 1)[..., np.newaxis] if most else np.zeros((*speed.shape, 1))
     angle = np.arctan2(-flow[..., 1], flow[..., 0])[..., np.newaxis]
     third = 2 * np.pi / 3
     hue = 0.5 + 0.5 * np.cos(angle - np.array([0.0, third, 2 * third]))
     coded = 255 * (1 - share * (1 - hue))
-    shown = np.where(there[..., np.newaxis], coded, NOTHING).astype(np.uint8)
+    shown = np.where(valid[..., np.newaxis], coded, NOTHING).astype(np.uint8)
     return shown, f"flow: up to {most:.3g} px/s; red: right"
 
 
 def _by_number(ids: Values) -> U8:
-    """A colour for each id, always the same one; the golden ratio keeps neighbours apart."""
+    """A fixed colour for each id; the golden ratio separates consecutive ids."""
     numbers, places = np.unique(ids, return_inverse=True)
     colours = [
         (NOTHING,) * 3 if number == -1

@@ -32,10 +32,10 @@ from evs.drivers.pictures.pen import FINE, GREY, INK_RGB, PAPER_RGB, RGB, Pen, t
 PICTURE_AT = (LEFT_PX - 58, TOP_PX)
 
 REACHED_PX = 18.0
-"""nearer than this a name is seen to belong to its point"""
+"""a name nearer than this needs no line to its point"""
 
 LEVELS = 8
-"""Shades of each colour of a map: more cannot be told apart, and make files large."""
+"""Shades of each colour of a map: more are hard to distinguish, and make files large."""
 
 GRID: RGB = (232, 232, 232)
 FAINT_GRID: RGB = (244, 244, 244)
@@ -72,7 +72,7 @@ def draw_chart(chart: Chart, width: int, height: int) -> U8:
 
 def diverging(share: npt.NDArray[np.float64]) -> U8:
     """(...) numbers -1 ... 1 as blue, white, red (..., 3); NaN is grey."""
-    there = np.isfinite(share)
+    finite = np.isfinite(share)
     place = np.rint(LEVELS * np.clip(np.nan_to_num(share), -1.0, 1.0)) / LEVELS
     stops = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
     colours = np.array(
@@ -80,7 +80,7 @@ def diverging(share: npt.NDArray[np.float64]) -> U8:
         np.float64,
     )
     mixed = np.stack([np.interp(place, stops, colours[:, k]) for k in range(3)], axis=-1)
-    return np.where(there[..., np.newaxis], mixed, 150.0).astype(np.uint8)
+    return np.where(finite[..., np.newaxis], mixed, 150.0).astype(np.uint8)
 
 
 def _axes(pen: Pen, chart: Chart, frame: Box) -> None:
@@ -150,8 +150,8 @@ def _series(pen: Pen, chart: Chart, series: Series, frame: Box) -> None:
                 for sign in (-1.0, 1.0)
             ]
             if all(math.isfinite(y) for _, y in ends):
-                held = [(x, min(max(y, top), bottom)) for x, y in ends]
-                pen.line(held, series.colour, 1.5)
+                clipped = [(x, min(max(y, top), bottom)) for x, y in ends]
+                pen.line(clipped, series.colour, 1.5)
         if series.x_range:
             ends = [place_of(chart, frame, x, series.y[k]) for x in series.x_range[k]]
             if all(math.isfinite(x) for x, _ in ends):

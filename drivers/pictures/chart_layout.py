@@ -147,17 +147,17 @@ def place_labels(
     Returns:
         A box for each label; None where there is no space.
     """
-    held = list(taken)
+    occupied = list(taken)
     found: list[Box | None] = []
     for label in labels:
-        box = _free(label, held, frame, nearest_px)
+        box = _free(label, occupied, frame, nearest_px)
         if box is not None:
-            held.append(box)
+            occupied.append(box)
         found.append(box)
     return found
 
 
-def _free(label: Label, held: Sequence[Box], frame: Box, nearest_px: float) -> Box | None:
+def _free(label: Label, occupied: Sequence[Box], frame: Box, nearest_px: float) -> Box | None:
     """The nearest free box."""
     width, height = label.size
     reach = nearest_px
@@ -173,7 +173,7 @@ def _free(label: Label, held: Sequence[Box], frame: Box, nearest_px: float) -> B
                 and box[2] <= frame[2]
                 and box[3] <= frame[3]
             )
-            if inside and not any(overlap(box, other, GAP_PX) for other in held):
+            if inside and not any(overlap(box, other, GAP_PX) for other in occupied):
                 return box
         reach += 4.0
     return None
@@ -200,7 +200,7 @@ def names_of(chart: Chart, width: int, height: int) -> list[Name]:
     Names that may lie far from their points are placed first. A name without space is left out.
     """
     frame = frame_of(width, height)
-    asked: list[tuple[str, RGB, Label]] = []
+    names: list[tuple[str, RGB, Label]] = []
     taken: list[Box] = []
     for series in chart.series:
         places = [place_of(chart, frame, x, y) for x, y in zip(series.x, series.y, strict=True)]
@@ -213,16 +213,16 @@ def names_of(chart: Chart, width: int, height: int) -> list[Name]:
         for place, words in zip(places, series.names, strict=False):
             if words and math.isfinite(sum(place)):
                 size = (text_width(words, NAME_PX), 1.15 * NAME_PX)
-                asked.append((words, series.colour, Label(place, size, series.reach_px)))
+                names.append((words, series.colour, Label(place, size, series.reach_px)))
     for _, _, (at, words, anchor) in levels(chart, frame):
         left = at[0] - (text_width(words, LETTER_PX - 1) if anchor == "rs" else 0.0)
         top = at[1] - (LETTER_PX if anchor == "rs" else 0.0)
         taken.append((left, top, left + text_width(words, LETTER_PX - 1), top + LETTER_PX))
-    asked.sort(key=lambda one: -one[2].reach_px)
-    boxes = place_labels([label for _, _, label in asked], taken, frame, POINT_PX + 4.0)
+    names.sort(key=lambda one: -one[2].reach_px)
+    boxes = place_labels([label for _, _, label in names], taken, frame, POINT_PX + 4.0)
     return [
         Name(words, label.at, box, colour)
-        for (words, colour, label), box in zip(asked, boxes, strict=True)
+        for (words, colour, label), box in zip(names, boxes, strict=True)
         if box is not None
     ]
 

@@ -89,5 +89,5 @@ def _padded(line: TextLine, width_px: int) -> TextLine:
 
 
 def _even(length: int) -> int:
-    """H.264 wants even sides."""
+    """The next even number: H.264 requires even sides."""
     return length + length % 2

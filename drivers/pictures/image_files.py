@@ -39,7 +39,7 @@ MAX_SIDE_PX = 16384
 
 
 def suffix_of(path: Path) -> str:
-    """The path's suffix in lower case; EvsError if nothing of ours writes it."""
+    """The path's suffix in lower case. EvsError: no function here writes such files."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise unknown("picture format", suffix or path.name, SUFFIXES)

@@ -1,4 +1,4 @@
-"""What the camera's light looked like during a run: kept small, for pictures afterwards."""
+"""The light on a camera during a run, as small pictures for later use."""
 
 from __future__ import annotations
 
@@ -18,46 +18,46 @@ LightOf = Callable[[Any], npt.NDArray[np.float32]]
 
 
 class LightLog:
-    """A run observer: keeps the first and every `every`-th tick's light as grey, (h, w) bytes each.
+    """A run observer that stores the light of the first and of every `every`-th tick as grey.
 
-    One exposure holds for the whole run, chosen from the first picture kept, so that grey levels
-    compare over time.
+    Each picture has (h, w) bytes. One exposure, of the first picture, applies to the whole run, so
+    that grey levels are comparable over time.
     """
 
     def __init__(self, every: int, light_of: LightOf) -> None:
         self._every, self._light_of = every, light_of
         self._exposure = 0.0
         self.times_us: list[int] = []
-        """ends of the ticks that were kept, ascending"""
+        """ends of the ticks that were stored, ascending"""
         self.pictures: list[U8] = []
         """(h, w) grey each"""
 
     @classmethod
     def for_clip(cls, tick_us: int, light_of: LightOf) -> LightLog:
-        """One that has a picture for every frame of a clip at the usual speed."""
+        """A log that has a picture for every frame of a clip at the default speed."""
         return cls(max(1, round(Playback(0, 1).step_us / tick_us)), light_of)
 
     def __call__(self, tick: int, world: Any, _packets: object) -> None:
-        """After tick `tick` (from 1) of a run. `world.t_us` is the time."""
+        """Store the light at `world.t_us`, after tick `tick` (from 1) of a run, if it is due."""
         if tick % self._every and tick > 1:
             return
         self.keep(int(world.t_us), self._light_of(world))
 
     def keep(self, t_us: int, light: npt.NDArray[np.float32]) -> None:
-        """One more picture: linear light (h, w) in any unit, no earlier than those before."""
+        """Store one more picture: linear light (h, w) in any unit, no earlier than those before."""
         if not self.pictures:
             self._exposure = exposure_for(light)
         self.times_us.append(t_us)
         self.pictures.append(to_srgb8(light, self._exposure))
 
     def at(self, t_us: int) -> U8 | None:
-        """The latest picture not after t_us; the first one before that; None if none was kept."""
+        """The latest picture not after t_us, or else the first one; None without pictures."""
         if not self.pictures:
             return None
         return self.pictures[max(0, bisect.bisect_right(self.times_us, t_us) - 1)]
 
     def spread(self, count: int) -> list[int]:
-        """Up to `count` times, us, of pictures kept, ascending and evenly spread over the run."""
+        """Times of up to `count` pictures, us, ascending and evenly spread over the run."""
         last = len(self.times_us)
         places = {(index + 1) * last // (count + 1) for index in range(count)}
         return [self.times_us[place] for place in sorted(places) if place < last]

@@ -1,6 +1,6 @@
-"""A pen for charts: lines, marks and words in px of the finished picture.
+"""A pen for charts: lines, marks and texts in px of the finished picture.
 
-It draws a few times larger; the picture is made smaller afterwards, so that lines and letters are
+It draws several times larger; the picture is reduced afterwards, so that lines and letters are
 smooth.
 """
 
@@ -24,7 +24,7 @@ PAPER_RGB: RGB = (PAPER, PAPER, PAPER)
 POINT_PX = 4.0
 
 MARKS = ("disc", "circle", "square", "diamond", "triangle")
-"""What a point can look like."""
+"""Shapes of a point."""
 
 
 class Pen:
@@ -34,13 +34,13 @@ class Pen:
         self._draw = draw
 
     def line(self, points: Sequence[tuple[float, float]], colour: RGB, width: float) -> None:
-        """Through all of them."""
+        """Draw a line through all points."""
         if len(points) > 1:
             large = [(FINE * x, FINE * y) for x, y in points]
             self._draw.line(large, colour, max(1, round(FINE * width)), joint="curve")
 
     def dot(self, at: tuple[float, float], colour: RGB, mark: str = "disc") -> None:
-        """A mark with a little paper around it: one of MARKS; a circle is empty."""
+        """Draw a mark, one of MARKS, with a little paper around it; a circle is empty."""
         x, y = FINE * at[0], FINE * at[1]
         for r, fill in ((POINT_PX + 1.0, PAPER_RGB), (POINT_PX, colour)):
             if mark == "square":
@@ -57,7 +57,7 @@ class Pen:
             self._draw.ellipse(self._box(at, POINT_PX - 1.5), PAPER_RGB)
 
     def ring(self, at: tuple[float, float], radius: float, colour: RGB) -> None:
-        """A circle around a disc."""
+        """Draw a ring around a point."""
         self._draw.ellipse(self._box(at, radius), outline=colour, width=round(1.6 * FINE))
 
     def _box(self, at: tuple[float, float], r: float) -> list[float]:
@@ -66,11 +66,11 @@ class Pen:
     def text(
         self, at: tuple[float, float], words: str, size: int, anchor: str, colour: RGB
     ) -> None:
-        """Anchor as Pillow has it."""
+        """Draw a text; `anchor` is one of Pillow's."""
         place = (FINE * at[0], FINE * at[1])
         self._draw.text(place, words, colour, font=font(FINE * size), anchor=anchor)
 
 
 def text_width(words: str, size: int) -> float:
-    """Of a text on a chart, px."""
+    """Width of a text on a chart, px."""
     return font(FINE * size).getlength(words) / FINE

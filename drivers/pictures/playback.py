@@ -1,4 +1,4 @@
-"""When a clip shows what: constant speed, constant frame rate, counted and never accumulated."""
+"""The time that each frame of a clip shows: constant speed and frame rate, without drift."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Playback:
 
     @property
     def frame_count(self) -> int:
-        """At least 1; the last frame may reach beyond stop_us."""
+        """Number of frames, at least 1; the last one may reach beyond stop_us."""
         # a hair of tolerance: 2 s in steps of 10 ms is 200 frames although 0.25 / 25 is not exact
         return max(1, math.ceil((self.stop_us - self.start_us) / self.step_us - 1e-6))
 
@@ -84,7 +84,7 @@ def span_us(events: Events) -> tuple[int, int]:
 
 
 def speed_words(speed: float) -> str:
-    """`1/4 real time`, `real time`, `2x real time`: the playback speed as a caption says it."""
+    """`1/4 real time`, `real time`, `2x real time`: the playback speed for captions."""
     fraction = Fraction(speed).limit_denominator(1000)
     if fraction == 1:
         return "real time"

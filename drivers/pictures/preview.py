@@ -1,4 +1,4 @@
-"""One still picture of a recording: a few instants beside each other, captioned, with a legend."""
+"""One still picture of a recording: a few instants side by side, with captions and a legend."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Axes of charts: from numbers to places, and which numbers stand beside the line."""
+"""Axes of charts: positions of values, and the numbers at the ticks."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ class Scale:
     high: float
     log: bool = False
     unit: str = ""
-    """stands behind each number, with a prefix (k, m, u ...)"""
+    """follows each number, with a prefix (k, m, u ...)"""
     shown: tuple[float, ...] = ()
-    """the numbers beside the line; none: round ones"""
+    """the numbers at the ticks; empty: round ones"""
 
     def place(self, value: float) -> float:
-        """0 at `low`, 1 at `high`; beyond them outside 0 ... 1; NaN for what has no place."""
+        """Position of a value: 0 at `low`, 1 at `high`, outside that range beyond; NaN: none."""
         if not math.isfinite(value) or (self.log and value <= 0.0):
             return math.nan
         if self.log:
@@ -29,13 +29,13 @@ class Scale:
         return (value - self.low) / (self.high - self.low)
 
     def ticks(self, most: int = 7) -> list[tuple[float, str]]:
-        """Round numbers inside, with their words."""
+        """Round numbers inside the axis, and their texts."""
         values = self._decades(most) if self.log else self._round(most)
         values = list(self.shown) or values
         return [(value, self.words(value)) for value in values]
 
     def words(self, value: float) -> str:
-        """A number with prefix and unit, as in 20 kHz."""
+        """A number with prefix and unit, such as 20 kHz."""
         if value == 0.0:
             return f"0 {self.unit}".strip()
         size = abs(value)
@@ -65,7 +65,7 @@ class Scale:
         return [step * k for k in range(first, last + 1)]
 
     def minor(self) -> list[float]:
-        """Of a logarithmic axis: 2 ... 9 times each decade inside."""
+        """Minor ticks of a logarithmic axis: 2 ... 9 times each decade inside."""
         if not self.log or self.shown:
             return []
         first, last = math.floor(math.log10(self.low)), math.ceil(math.log10(self.high))
@@ -86,7 +86,7 @@ def decades_around(values: list[float], least: float = 1.0) -> tuple[float, floa
 
 
 def steps_around(values: list[float]) -> tuple[float, float]:
-    """(low, high): 1, 2 or 5 times powers of ten around the positive ones, with room beside them.
+    """(low, high): 1, 2 or 5 times powers of ten around the positive ones, with a margin.
 
     At least a factor of 10 apart.
     """

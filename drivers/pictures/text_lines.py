@@ -33,7 +33,7 @@ class TextLine:
 
 
 def text_line(text: str, size_px: int) -> TextLine:
-    """`text` in ink on paper, just as wide as it is. size_px is the font's height."""
+    """Lay out a text in ink on paper, as wide as its letters; `size_px` is the font's height."""
     letters = font(size_px)
     width, height = max(1, round(letters.getlength(text) + 0.5)), line_height(size_px)
     image = Image.new("L", (width, height), PAPER)
@@ -42,7 +42,7 @@ def text_line(text: str, size_px: int) -> TextLine:
 
 
 def legend_line(size_px: int) -> TextLine:
-    """A square of each polarity's colour, each with its word."""
+    """The legend: a square in the colour of each polarity, with its meaning."""
     gap = max(2, size_px // 3)
     side = max(3, size_px * 2 // 3)
     parts: list[U8] = []
@@ -58,14 +58,14 @@ def legend_line(size_px: int) -> TextLine:
 
 
 def side_by_side(left: TextLine, right: TextLine, gap_px: int) -> TextLine:
-    """Two lines of one height as one."""
+    """Join two lines of the same height."""
     return TextLine(
         np.concatenate([left.picture, _blank(left.height, gap_px), right.picture], axis=1)
     )
 
 
 def line_height(size_px: int) -> int:
-    """Height of a line of text, letters below the base line included."""
+    """Height of a line of text, px, including letters below the base line."""
     return max(4, round(1.4 * size_px))
 
 
@@ -85,5 +85,5 @@ def _blank(height: int, width: int) -> U8:
 
 @cache
 def font(size_px: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """Pillow's own, of this height. It has Latin letters, no Greek."""
+    """Pillow's built-in font of this height. It has Latin letters, no Greek."""
     return ImageFont.load_default(size_px)

@@ -104,7 +104,7 @@ at the ports that ROS's own middleware uses."""
 
 
 def load() -> Any:
-    """The library; EvsError says how to install it."""
+    """Import the library. EvsError: it is not installed; the message has the pip command."""
     try:
         import cyclonedds.core
         import cyclonedds.domain

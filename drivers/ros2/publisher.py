@@ -60,7 +60,7 @@ LINGER_S = 2.0
 """How long a closing sink sends what still waits."""
 
 TRANSFORMS_DEPTH = 100
-"""What tf2 keeps; its listeners ask for a reliable writer."""
+"""Queue depth of tf2, whose listeners require a reliable writer."""
 
 _POLL_S = 0.02
 
@@ -142,7 +142,14 @@ class Ros2Publisher(Sink):
         return sum(node.topics["events"].readers for node in self._nodes.values())
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
-        """Enter the domain and wait for readers. EvsError: names, sizes, interface; nobody came."""
+        """Enter the domain and wait for readers.
+
+        Args:
+            streams: One for each camera.
+
+        Raises:
+            EvsError: A name, a size or the interface is not valid, or too few readers came in time.
+        """
         if self._participant is not None:
             raise EvsError("this ROS 2 sink is open already: close it first, or make another")
         paths = [self._path(stream, len(streams)) for stream in streams]
@@ -165,7 +172,7 @@ class Ros2Publisher(Sink):
             raise
 
     def write(self, packet: EventPacket) -> None:
-        """Publish the time, what came beside, and the events once enough are gathered."""
+        """Publish the time, pending auxiliary messages, and the events once enough are gathered."""
         node = self._of(packet.camera)
         end_us = packet.time_end_us
         if end_us < node.time_end_us:
@@ -185,7 +192,7 @@ class Ros2Publisher(Sink):
             for message in node.builder.add(packet):
                 self._send(events, node.messages.events(message, self._encoding), message.events)
         else:
-            # who comes later gets no events from before
+            # a later reader receives no earlier events
             node.builder.rest()
             self._unread += 1
         counts = events.queue.counts
@@ -208,7 +215,7 @@ class Ros2Publisher(Sink):
                 self._later(int(sample["t"]), node.topics["imu"], _sample(node, sample))
 
     def wants_pose(self, camera: str) -> bool:
-        """Return whether somebody subscribes to this pose or to /tf."""
+        """Return whether this pose or /tf has readers."""
         return self._of(camera).listened("pose") or self._tf_is_read
 
     def write_pose(self, pose: Pose) -> None:

@@ -150,7 +150,7 @@ class Sender:
                 data, elements = queue.take()
                 self._busy = True
             try:
-                taken = queue.writer.write(data)
+                accepted = queue.writer.write(data)
             except BaseException as error:  # any error is reported to the camera
                 with self._changed:
                     self._failure, self._busy = error, False
@@ -159,12 +159,12 @@ class Sender:
                 return
             with self._changed:
                 self._busy = False
-                _count(queue.counts, taken, len(data), elements)
+                _count(queue.counts, accepted, len(data), elements)
                 self._changed.notify_all()
 
 
-def _count(counts: Counts, taken: bool, size: int, elements: int) -> None:
-    if taken:
+def _count(counts: Counts, accepted: bool, size: int, elements: int) -> None:
+    if accepted:
         counts.sent += 1
         counts.bytes += size
         counts.elements += elements

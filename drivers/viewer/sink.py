@@ -55,7 +55,7 @@ class ViewSink(Sink):
         self._counts: dict[str, Any] = {"windows": 0, "events": 0, "frames": 0, "error": ""}
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
-        """Create the file. EvsError: no place for it."""
+        """Create the file. EvsError: it cannot be created."""
         from evs.drivers.viewer.viewer import Drawing
 
         self._drawing = Drawing()
@@ -67,7 +67,7 @@ class ViewSink(Sink):
         }
 
     def write(self, packet: EventPacket) -> None:
-        """Gather one packet; draw the windows that it completes."""
+        """Add one packet; draw the windows that it completes."""
         drawing = self._opened()
         builder = self._builders.get(packet.camera)
         if builder is None:
@@ -96,11 +96,11 @@ class ViewSink(Sink):
         self._opened().luminance(camera, t_us, picture)
 
     def wants_pose(self, camera: str) -> bool:
-        """Return True: it costs nothing, and its time says whether it is due."""
+        """Return True for a camera of this view; `write_pose` draws a pose only when one is due."""
         return camera in self._builders
 
     def write_pose(self, pose: Pose) -> None:
-        """Draw where the camera is, if that is due."""
+        """Draw the camera's pose, if one is due."""
         if self._is_due("pose", pose.camera, pose.t_us):
             self._opened().pose(pose.camera, pose.t_us, pose.position, pose.orientation)
 

@@ -14,7 +14,7 @@ PERIOD_US = 20_000
 """Length of a window, simulated time: 50 pictures a second."""
 
 NOTHING, OFF, ON = 0, 1, 2
-"""What a pixel of a window's picture says."""
+"""Values of a pixel in a window's picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Window:
 
 
 class WindowBuilder:
-    """One camera's packets, in; windows, out, as soon as their time has passed."""
+    """Gathers one camera's packets into windows, each given out as soon as its time has passed."""
 
     def __init__(self, camera: str, width: int, height: int, period_us: int = PERIOD_US) -> None:
         self._camera, self._period_us = camera, period_us
@@ -52,9 +52,9 @@ class WindowBuilder:
         self._clear()
 
     def add(self, packet: EventPacket) -> Iterator[Window]:
-        """The windows that end before the packet does, or with it; empty ones too.
+        """Add a packet; yield the windows that end no later than it does, also empty ones.
 
-        Time that goes back (a new run) begins anew, and a jump of more than a second leaves out the
+        A step back in time (a new run) starts over, and a jump of more than a second omits the
         empty windows in it.
         """
         begin_us = packet.time_base_us
@@ -74,7 +74,7 @@ class WindowBuilder:
         self._take(events)
 
     def rest(self) -> Iterator[Window]:
-        """The last window, cut short, if it has any event."""
+        """Yield the last window, which is incomplete, if it has any event."""
         if self._on + self._off:
             yield self._window()
 

@@ -125,12 +125,12 @@ def decode_evt2(
     highs, places = _times_high(words, kinds, state.high)
     if triggers is not None:
         _append_triggers(triggers, words, kinds, highs, places, time_origin_us)
-    taken, high = words[is_event], highs[places[is_event]]
-    events = empty_events(len(taken))
-    events["t"] = (high << _LOW_BITS | (taken >> 22 & 0x3F)) - time_origin_us
-    events["x"] = taken >> 11 & 0x7FF
-    events["y"] = taken & 0x7FF
-    events["p"] = taken >> _BITS
+    selected, high = words[is_event], highs[places[is_event]]
+    events = empty_events(len(selected))
+    events["t"] = (high << _LOW_BITS | (selected >> 22 & 0x3F)) - time_origin_us
+    events["x"] = selected >> 11 & 0x7FF
+    events["y"] = selected & 0x7FF
+    events["p"] = selected >> _BITS
     without_time = int(np.count_nonzero(high < 0))
     return events[without_time:], Evt2State(int(highs[-1]), state.skipped + without_time)
 
@@ -280,19 +280,19 @@ def decode_evt21(
     highs, places = _times_high(upper, kinds, state.high)
     if triggers is not None:
         _append_triggers(triggers, upper, kinds, highs, places, time_origin_us)
-    taken, high = upper[is_vector], highs[places[is_vector]]
+    selected, high = upper[is_vector], highs[places[is_vector]]
     # one bit a pixel, word after word
     bits = np.unpackbits(valid[is_vector].astype("<u4").view(np.uint8), bitorder="little")
     pixels = np.flatnonzero(bits.view(np.bool_))
     word = pixels >> 5
-    taken, high = taken[word], high[word]
-    x = (taken >> 11 & 0x7FF) + (pixels & _VECTOR - 1).astype(np.uint32)
+    selected, high = selected[word], high[word]
+    x = (selected >> 11 & 0x7FF) + (pixels & _VECTOR - 1).astype(np.uint32)
     is_valid = (high >= 0) & (x < MAX_SIDE_EVT_PX)
-    taken, high = taken[is_valid], high[is_valid]
-    events = empty_events(len(taken))
-    events["t"] = (high << _LOW_BITS | (taken >> 22 & 0x3F)) - time_origin_us
+    selected, high = selected[is_valid], high[is_valid]
+    events = empty_events(len(selected))
+    events["t"] = (high << _LOW_BITS | (selected >> 22 & 0x3F)) - time_origin_us
     events["x"] = x[is_valid]
-    events["y"] = taken & 0x7FF
-    events["p"] = taken >> _BITS
-    skipped = state.skipped + len(is_valid) - len(taken)
+    events["y"] = selected & 0x7FF
+    events["p"] = selected >> _BITS
+    skipped = state.skipped + len(is_valid) - len(selected)
     return events, Evt21State(int(highs[-1]), skipped)

@@ -150,8 +150,8 @@ def _piece(
         places, x, p, base, on = _with_vectors(words, kinds, is_vector, state)
     else:
         places = np.flatnonzero(kinds == _X)
-        taken = words[places]
-        x, p = taken & 0x7FF, taken >> 11 & 1
+        selected = words[places]
+        x, p = selected & 0x7FF, selected >> 11 & 1
     t, y = stamps[numbers[places]], rows[np.cumsum(is_row, dtype=np.int32)[places]]
     skipped = 0
     if state.high < 0 or state.y < 0 or is_vector.any():

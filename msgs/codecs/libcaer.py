@@ -175,5 +175,5 @@ def _last(
     is_update: npt.NDArray[np.bool_], values: npt.NDArray[np.int64], begin: int
 ) -> npt.NDArray[np.int64]:
     """The value that applies at each word, (n,): that of the last update, `begin` before it."""
-    held: npt.NDArray[np.int64] = np.concatenate([[begin], values])[np.cumsum(is_update)]
-    return held
+    latest: npt.NDArray[np.int64] = np.concatenate([[begin], values])[np.cumsum(is_update)]
+    return latest

@@ -9,8 +9,8 @@ from typing import BinaryIO
 import numpy as np
 import numpy.typing as npt
 
+from evs.drivers.files.aedat3.auxiliary import BadEventError, ColouredError, frames_in, samples_in
 from evs.drivers.files.aedat3.compressed import FORMATS, expanded
-from evs.drivers.files.aedat3.frames_imu import BadEventError, ColouredError, frames_in, samples_in
 from evs.drivers.files.aedat3.layout import (
     END,
     EVENT,

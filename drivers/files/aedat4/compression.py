@@ -146,7 +146,7 @@ def _bounded(read: Callable[[int], bytes]) -> bytes:
 
 def _filled(out: bytearray, read: Callable[[int], bytes], size: int) -> bytes:
     """What was read so far and the rest that read(n) gives, which must be `size` bytes together."""
-    # one byte more is asked for: it shows too long a frame, and makes the end be checked
+    # one more byte is requested: it reveals a frame that is too long, and has the end checked
     while len(out) <= size:
         part = read(min(size + 1 - len(out), _CHUNK_BYTES))
         if not part:
@@ -172,7 +172,7 @@ def _read_lz4(body: bytes) -> Callable[[int], bytes]:
     pending = [body]
 
     def read(count: int) -> bytes:
-        # the object forgets that it has ended, and would start anew on what follows the frame
+        # the object forgets that it has ended, and would start again on what follows the frame
         if frame.eof:
             return b""
         try:

@@ -94,7 +94,7 @@ def to_xml(
 def _stream_node(
     streams: ET.Element, number: int, stream: StreamInfo, compression: str
 ) -> ET.Element:
-    """The node of one stream; its info node, with what dv asks for."""
+    """Add the node of one stream; return its info node, with the attributes that dv needs."""
     kind = KINDS[number]
     path = f"/outInfo/{number}/"
     node = _node(streams, str(number), path)
@@ -137,7 +137,7 @@ def from_xml(text: str) -> dict[int, Declared]:
 
 
 def stream_info(info: dict[str, str], width: int = 0, height: int = 0) -> StreamInfo:
-    """What an event stream's info node says. Another writer's has tick_us 1, sensor `unknown`.
+    """The content of an event stream's info node; other writers' get tick_us 1, sensor `unknown`.
 
     Width and height are taken where the node states none that is possible.
     """

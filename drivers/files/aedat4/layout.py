@@ -78,7 +78,7 @@ class IOHeader:
     compression: int
     """dv-processing's CompressionType"""
     table_position: int
-    """of the data table in the file; NO_TABLE or any nonsense: there is none"""
+    """of the data table in the file; NO_TABLE or an impossible value: it has none"""
     table_position_at: int | None
     """where that number lies in the header, from its size prefix; None: it is left out"""
     xml: str

@@ -27,7 +27,7 @@ _STEPS, _STEPS_A_BYTE = 1 << 20, 64
 
 
 def journal_of(path: Path) -> Path | None:
-    """The journal that a killed writer left of its transaction; None: there is none."""
+    """The journal that a killed writer left of its transaction; None without one."""
     journal = path.with_name(f"{path.name}-journal")
     return journal if journal.is_file() and journal.stat().st_size else None
 
@@ -62,7 +62,7 @@ def _has_log(path: Path) -> bool:
 
 
 def scan_database(path: Path, scan: BagScan) -> Iterator[BagMessage]:
-    """Every message of a .db3 file, by time. CorruptDataError: it is none.
+    """Every message of a .db3 file, by time. CorruptDataError: it is not one.
 
     SQLite tells no byte offsets: what is damaged within is said to be at 0.
     """

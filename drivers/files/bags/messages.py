@@ -107,7 +107,7 @@ def parse_array(data: bytes, ros: int) -> ArrayMessage:
         if count:
             x[0], y[0] = struct.unpack_from("<HH", data, at)
     t = rows["s"].astype(np.int64) * _SECOND_US + rows["ns"] // 1000
-    # what is too large for a pixel is put beside every sensor
+    # a coordinate that is too large becomes one outside every sensor
     x, y = np.minimum(x, 0x7FFF), np.minimum(y, 0x7FFF)
     events = make_events(t, x, y, rows["p"] > 0)
     return ArrayMessage(name.decode(errors="replace"), height, width, events)

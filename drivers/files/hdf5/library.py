@@ -23,7 +23,7 @@ def load() -> Any:
         import hdf5plugin
     except ImportError:
         raise EvsError("HDF5 recordings need h5py: pip install 'evs[formats]'") from None
-    # importing it registers DSEC's compression, Blosc; it asks to be named
+    # importing it registers DSEC's compression, Blosc; the name has to be used
     assert hdf5plugin is not None
     return h5py
 

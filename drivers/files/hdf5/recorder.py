@@ -38,7 +38,7 @@ class Hdf5Recorder(LibraryRecorder):
     """A Sink that writes DSEC's layout; compressed as every HDF5 library reads it (deflate)."""
 
     NAME = "hdf5"
-    # a column's last chunk is compressed anew each time
+    # a column's last chunk is compressed again each time
     FLUSH_PERIOD_US = 10_000_000
     LIBRARY_ERRORS = (OSError, RuntimeError, ValueError)
 

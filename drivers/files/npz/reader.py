@@ -146,7 +146,7 @@ class NpzFile:
         self.compression = "deflate" if compressed else "none"
         plain = StreamInfo(max(1, width), max(1, height), sensor="unknown")
         stream = stated if 0 < stated.width <= MAX_SIDE_PX else stream_from_json(stated_json, plain)
-        # an archive of somebody else's says nothing of them
+        # archives of other programs do not state them
         self.stream = dataclasses.replace(
             stream,
             frames=stream.frames or bool(self.frames_there),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from evs.drivers import files
@@ -115,11 +114,3 @@ def test_others_are_refused_in_one_line(tmp_path: Path, data: bytes, says: str) 
     with pytest.raises(EvsError, match=says) as error:
         files.read(path)
     assert "\n" not in str(error.value)
-
-
-def test_random_events_come_back() -> None:
-    random = np.random.default_rng(1)
-    t = np.cumsum(random.integers(0, 2**20, 20_000))
-    x, y = random.integers(0, 16_383, 20_000), random.integers(0, 16_383, 20_000)
-    events = make_events(t, x, y, random.integers(0, 2, 20_000))
-    assert decode_dat(encode_dat(events))[0].tobytes() == events.tobytes()
