@@ -87,7 +87,7 @@ sys.path[:0] = [folder for folder in sys.argv[1].split(":")]
 from evs.drivers.run.run import Progress
 from evs.launch.support import terminal
 sys.path.insert(0, sys.argv[2])
-from test_pipeline_terminal import REPORT
+from test_terminal_output import REPORT
 with terminal.progress(100) as moved:
     for tick in range(1, 101):
         moved(Progress(tick, 100, tick * 1e-3, tick * 50, tick * 0.05))
