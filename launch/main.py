@@ -70,8 +70,8 @@ MORE_MEMORY = (
 )
 INSTALL = "install evs again, or raise the memory limit if there is one (ulimit -v)"
 LEAST_BYTES = 150_000_000
-"""of address space: a small scene takes 100 MB. With less some library or other, or the C library
-itself, aborts the process while it is loaded, and none of them says so in the same way."""
+"""of address space: a small scene takes 100 MB. With less, some library, or the C library itself,
+aborts the process while it is loaded, each with another message."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -87,7 +87,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command line; the exit code: 0, 2 for what the user can mend, 130 after Ctrl-C."""
+    """Run one command line; the exit code: 0, 2 for errors of the user, 130 after Ctrl-C."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     if sys.stderr is None:
         # `2>&-`: the next file that is opened must not receive messages
@@ -126,17 +126,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _discard_output() -> None:
-    """Standard output goes nowhere: the interpreter's last flush must not fail too."""
+    """Discard standard output, so that the interpreter's last flush does not fail too."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
 def _show_warning(message: Warning | str, *_where: object, **_named: object) -> None:
-    """A warning of any layer as one line; where in the code it was raised helps nobody here."""
+    """Print a warning as one line; its place in the code does not help users."""
     print("evs: warning:", " ".join(str(message).split()), file=sys.stderr)
 
 
 def _flushed(words: list[str]) -> int:
-    """Run it and flush its output while a write error can still be reported."""
+    """Run a command, and flush its output while a write error can still be reported."""
     code = _dispatch(words)
     sys.stdout.flush()
     return code

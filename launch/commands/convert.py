@@ -60,7 +60,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Convert; one line says what came of it."""
+    """Convert, and print a summary."""
     from evs.drivers.files import convert, to_write
     from evs.drivers.files.paths import check_new
     from evs.launch.support import terminal
@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _step_by_step(moved: Callable[[int, str], None], steps: int) -> Callable[[float], None]:
-    """Moves a bar of so many steps by a share, and only when it comes to another step."""
+    """A callback that moves a bar by a share, only when it reaches another step."""
     shown = -1
 
     def move(share: float) -> None:

@@ -35,10 +35,10 @@ FAST = (
 """what --fast sets: hard light without noise, and the event pixel itself in place of the network"""
 
 WINDOW_US = 4000
-"""the pictures show events of this long: thin edges"""
+"""duration of the events in the pictures, short for thin edges"""
 
 SUBSCRIBER_S = 30.0
-"""how long the second process may take to come"""
+"""how long the second process may take to connect"""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -113,7 +113,7 @@ def _make_folder(out: Path) -> None:
 def _emulate(
     config: pipeline.PipelineConfig, target: Path
 ) -> tuple[Report, LightLog, dict[str, Any]]:
-    """The run, with a second process that counts: (report, the light seen, its counts).
+    """Run, with a second process that counts: (report, the light seen, its counts).
 
     However the run ends, its report is written to `target`.
     """

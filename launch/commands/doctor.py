@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 HELP = "is this machine fit: packages, processor, a trial run, and the extremes"
 
 MARKS = {"ok": "ok  ", "note": "note", "bad": "BAD "}
-"""verdict -> what stands before its line"""
+"""verdict -> prefix of its line"""
 
 FIT = "this machine is fit for evs"
 UNFIT = "evs will not work here until what is BAD is mended"

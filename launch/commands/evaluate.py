@@ -103,7 +103,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _checked(network: Path, provider: str) -> Any:
-    """What was found out about a user's network; each thing that is bad is a warning."""
+    """Check a user's network; each fault is a warning."""
     from evs.launch.support import terminal
     from evs.tools.doctor.check import BAD
     from evs.tools.evaluation.network_check import check_network
@@ -139,7 +139,7 @@ def _whole(name: str, words: list[str]) -> list[int]:
 
 
 def _command(args: argparse.Namespace) -> str:
-    """The command line, without what changes no number."""
+    """The command line, without options that change no number."""
     parts: list[str] = ["evaluate"]
     if args.network is not None:
         parts.append(args.network)

@@ -21,7 +21,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make them, and say what they are for."""
+    """Make the keys, and print how to use them."""
     from evs.drivers.bus.keys import write_keys
 
     public, secret = write_keys(args.name)

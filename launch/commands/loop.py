@@ -29,16 +29,16 @@ WORLD: dict[str, dict[str, float | None]] = {
     "length": {"pencil": 0.2},
     "speed": {"goalie": 5.0},
 }
-"""option -> the loops that it is for, and what it is there where it is not given"""
+"""option -> the loops that have it, with its default"""
 
 SERVED = (
     *("record", "overwrite", "beside", "publish", "sink", "aside", "worker", "report"),
     *("lockstep", "pace", "realtime"),
 )
-"""keys of a pipeline that --serve takes, by how they begin"""
+"""keys of a pipeline that --serve accepts, by their first part"""
 
 ITS_OWN = ("lockstep.address", "lockstep.cameras")
-"""but for these"""
+"""exceptions, which --serve sets itself"""
 
 EPILOG = """\
 examples:
@@ -92,7 +92,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Play a loop; the exit code: 0, 1 where the stick fell or the ball went in."""
+    """Run a loop; the exit code: 0, or 1 if the stick fell or the ball went in."""
     if args.name not in LOOPS:
         raise unknown("loop", args.name, LOOPS)
     if args.seed < 0:
@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Refuse what would change nothing here, or cannot be; then set what is not given."""
+    """Refuse options that would have no effect or are impossible; then set the defaults."""
     if args.words and args.serve is None:
         raise EvsError(f"'{args.words[0]}' is for --serve ADDRESS only")
     if args.connect is None and (args.server_key or args.key):
@@ -287,7 +287,7 @@ def _number_of_seeds(args: argparse.Namespace) -> int:
 
 
 def _targets(args: argparse.Namespace) -> tuple[Path, Path]:
-    """The results and the page."""
+    """The files of the results and of the page."""
     file = Path(args.table)
     if file.suffix != ".json":
         raise EvsError(f"--table is '{file}': end it in .json")
@@ -354,7 +354,7 @@ def _loop(args: argparse.Namespace, meter: Meter) -> Loop:
 
 
 def _connect(args: argparse.Namespace) -> int:
-    """A controller, in a process that imports no simulator; 1 where it ended before its time."""
+    """Run a controller, in a process that imports no simulator; 1 if the loop ended early."""
     from evs.drivers import lockstep
 
     controller = _controller(args)
@@ -385,7 +385,7 @@ def _controller(args: argparse.Namespace) -> Controller | Goalkeeper | CartPoleC
 
 
 def _seconds(args: argparse.Namespace, default: float) -> float:
-    """How long it has to stand."""
+    """How long the stick has to stand."""
     seconds = default if args.seconds is None else float(args.seconds)
     if not seconds > 0.0:
         raise EvsError(f"--seconds is {seconds:g}: give a number over 0")

@@ -113,7 +113,7 @@ def _light(renderer: str, cost: dict[str, Any]) -> str:
 
 
 def _contents(planned: PipelinePlan, contents: dict[str, Any]) -> list[tuple[str, str]]:
-    """What there is of it, in words; what there is none of is left out."""
+    """The contents as text, without what does not occur."""
     rows = []
     for key, value in contents.items():
         text = str(value)

@@ -64,7 +64,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Publish every packet, wait for each one's time; Ctrl-C ends after the current one."""
+    """Publish every packet at its time; Ctrl-C ends after the current one."""
     from evs.drivers import files
     from evs.drivers.bus import Publisher
     from evs.drivers.clock import Pacer
@@ -105,7 +105,7 @@ def _play(
     publisher: Publisher,
     stopped: list[str],
 ) -> str:
-    """Every message at its time; what was played, in words."""
+    """Publish every message at its time; returns a summary."""
     from evs.drivers.files import messages
 
     count = events = frames = samples = triggers = 0

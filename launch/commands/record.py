@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Record; a line says what came of it. 1 if packets were lost."""
+    """Record, and print a summary; 1 if packets were lost."""
     from evs.drivers.bus import subscribe
     from evs.drivers.files.paths import check_new, free_number, numbered_path
     from evs.drivers.run.stop_signals import stop_signals

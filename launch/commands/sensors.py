@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def table(sensors: list[Description]) -> list[str]:
-    """The lines of a Markdown table, a sensor each."""
+    """The lines of a Markdown table, a row for each sensor."""
     rows = [list(COLUMNS), ["---"] * len(COLUMNS)]
     for sensor in sensors:
         shown = _shown(sensor)
@@ -92,7 +92,7 @@ def table(sensors: list[Description]) -> list[str]:
 
 
 def _cell(value: Any, how: str) -> str:
-    """Nothing for a parameter that is off or that the sensor does not have."""
+    """Empty for a parameter that is off or that the sensor does not have."""
     return how.format(value) if value else "-"
 
 

@@ -114,7 +114,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _settings(args: argparse.Namespace) -> Any:
-    """What the command line asks for."""
+    """The settings of the command line."""
     from evs.tools.sweep import axes, sweep
     from evs.tools.sweep.errors import ErrorSettings
     from evs.tools.sweep.speed import SpeedSettings
@@ -143,7 +143,7 @@ def _settings(args: argparse.Namespace) -> Any:
 
 
 def _with(settings: Any, args: argparse.Namespace) -> Any:
-    """The same with what the command line says of it."""
+    """The settings, changed by the command line."""
     import dataclasses
 
     names = [field.name for field in dataclasses.fields(settings)]
@@ -179,7 +179,7 @@ def _slug(scene: str) -> str:
 
 
 def _tell(store: Any, words: Path | None, drawn: dict[str, Path], quiet: bool) -> None:
-    """Table and pictures of everything that the file holds."""
+    """Write the table and the pictures of all records in the file."""
     from evs.drivers.pictures import write_png
     from evs.drivers.run.report import write_whole
     from evs.tools.sweep.pareto_chart import pareto_page
@@ -196,7 +196,7 @@ def _tell(store: Any, words: Path | None, drawn: dict[str, Path], quiet: bool) -
 
 
 def _command(args: argparse.Namespace) -> str:
-    """The command line, without what changes no number."""
+    """The command line, without options that change no number."""
     parts: list[str] = ["sweep", *args.scenes]
     for name in (*LISTS, *NUMBERS):
         value = getattr(args, name.replace("-", "_"))

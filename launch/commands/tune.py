@@ -126,7 +126,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _show(facts: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]], written: str) -> None:
-    """What was measured, then what was found, then what to try next."""
+    """Print what was measured, what was found, and what to try next."""
     from evs.launch.support import terminal
 
     headings = ("configuration", "real-time factor", "predicted", "error", "predicted")
@@ -139,7 +139,7 @@ def _show(facts: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]], writt
 
 
 def _command(args: argparse.Namespace) -> str:
-    """The command line, without what changes no number."""
+    """The command line, without options that change no number."""
     parts: list[str] = ["tune", *args.words]
     for name in (*OPTIONS, "rtf", "error"):
         value = getattr(args, name)

@@ -72,7 +72,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the picture; one line says what it shows. Or show a live stream until it ends."""
+    """Write the picture and print what it shows, or show a live stream until it ends."""
     if (args.file is None) == (args.live is None):
         raise EvsError("give a recording, as in evs view run.aedat4, or --live ADDRESS")
     if args.live is not None:
@@ -102,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _only(what: str, args: argparse.Namespace, others: tuple[str, ...]) -> None:
-    """Refuse options that mean nothing there."""
+    """Refuse options that have no meaning there."""
     for name in others:
         if getattr(args, name) is not None:
             raise EvsError(f"--{name} is for recordings: leave it out with {what}")
@@ -204,7 +204,7 @@ def _film(
 
 
 def _silence(events: Events) -> str:
-    """What to leave out where one gap is most of a recording, as a damaged stamp makes it."""
+    """What to exclude if one gap is most of a recording, as after a damaged stamp."""
     t = events["t"]
     if len(t) < 2:
         return ""

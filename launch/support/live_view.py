@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from evs.drivers.viewer import Window, WindowBuilder
 
 REDRAW_S = 0.05
-"""A terminal is drawn no more often; windows between two drawings are left out."""
+"""shortest time between two drawings of a terminal; windows between them are skipped"""
 
 _HOME, _CLEAR_LINE, _CLEAR_REST = "\x1b[H", "\x1b[K", "\x1b[J"
 
@@ -84,7 +84,7 @@ def has_display() -> bool:
 
 
 def _screen(args: argparse.Namespace) -> Screen:
-    """A file if one is named; characters if asked for or nothing else is there; else a window."""
+    """A file if one is named; characters on request or without a display; else a window."""
     if args.out:
         if args.sketch:
             raise EvsError("--sketch draws in the terminal: leave out -o, or leave out --sketch")
@@ -93,7 +93,7 @@ def _screen(args: argparse.Namespace) -> Screen:
 
 
 class _Characters:
-    """A sketch of the newest window in the terminal; one below the other where it is none."""
+    """A sketch of the newest window in the terminal; without one, sketches below each other."""
 
     def __init__(self) -> None:
         self._builders: dict[str, WindowBuilder] = {}
@@ -160,7 +160,7 @@ class _Viewer:
         self._drawing = Drawing()
         self._builders: dict[str, WindowBuilder] = {}
         self._described: dict[str, bool] = {}
-        """camera -> whether with its optics"""
+        """camera -> whether its optics are included"""
         self._process: subprocess.Popen[bytes] | None = None
         self._folder: Path | None = None
 
@@ -200,7 +200,7 @@ class _Viewer:
         return self._process is None or self._process.poll() is None
 
     def _describe(self, packet: EventPacket, stream: Subscription) -> None:
-        """What is constant of a new camera, and its optics once they have come."""
+        """Describe a new camera, and again when its optics have arrived."""
         from evs.msgs import StreamInfo
 
         optics = stream.camera_info.get(packet.camera)
@@ -214,7 +214,7 @@ class _Viewer:
 
     @staticmethod
     def _stay(process: subprocess.Popen[bytes], at_once: bool) -> None:
-        """Leave the window open until its user closes it, or presses Ctrl-C here."""
+        """Leave the window open until the user closes it, or presses Ctrl-C here."""
         try:
             if not at_once:
                 process.wait()
@@ -226,7 +226,7 @@ class _Viewer:
 
 
 def _windows(builders: dict[str, WindowBuilder], packet: EventPacket) -> list[Window]:
-    """The windows that a packet completes; its camera's builder is made where it is new."""
+    """The windows that a packet completes; a new camera gets a builder."""
     from evs.drivers.viewer import WindowBuilder
 
     if packet.camera not in builders:

@@ -38,7 +38,7 @@ class Comparison:
     reference_events: int
     """m, inside the window"""
     pairs: int
-    """one-to-one pairs within the tolerances, as many as there can be"""
+    """one-to-one pairs within the tolerances, the largest number possible"""
     recall: float
     """pairs / m"""
     precision: float
@@ -86,11 +86,11 @@ def compare(
         tolerance_us: of a pair's stamps, us
         tolerance_px: of a pair's x and y, px; also the margin of static pixels
         tick_us: of the earth mover's distance; the window is a multiple of it
-        static: (height, width) bool, where nothing should happen; None: `static_pixels`, where
-            the reference is silent throughout
+        static: (height, width) bool, where no event should be; None: `static_pixels`, where the
+            reference has no event
 
     Raises:
-        EvsError: anything without sense, in one line
+        EvsError: an argument makes no sense; one line says which
     """
     window = Window(width, height, t_begin_us, t_end_us)
     window.ticks(tick_us)
@@ -119,7 +119,7 @@ def compare(
 
 
 def _without_nan(value: Any) -> Any:
-    """Dicts walked through; None for every NaN."""
+    """The same nested dicts with None for every NaN."""
     if isinstance(value, dict):
         return {key: _without_nan(inner) for key, inner in value.items()}
     return None if isinstance(value, float) and math.isnan(value) else value

@@ -17,7 +17,7 @@ _PRIOR = 0.5
 
 @dataclass(frozen=True)
 class CountRatio:
-    """Events per reference event; 1 is right. NaN where the reference has none."""
+    """Events per reference event; 1 is right. NaN if the reference has none."""
 
     on: float
     off: float

@@ -30,10 +30,10 @@ def emd_map(events: Events, reference: Events, window: Window, tick_us: int = 10
     order. Unequal counts: forwards the surplus is moved past the end (tick K + 1), backwards before
     the beginning (tick 0). One side empty: n events cost n (K + 1) / 2K, so about half an event
     each, wherever they are. Both empty: 0.
-    More than one event in a tick is counted as such; stamps inside a tick make no difference.
+    Several events in a tick all count; stamps inside a tick make no difference.
 
     Sorted events and one pass over them, all pixels at once: O((n + m) log(n + m)), whatever K.
-    Sums are whole numbers, so the result is exact but for the last division.
+    Sums are whole numbers, so only the last division rounds.
 
     Args:
         events: (n,) EVENT_DTYPE, any order; those outside the window are left out
@@ -45,7 +45,7 @@ def emd_map(events: Events, reference: Events, window: Window, tick_us: int = 10
         (2, height, width) float64, events; [0] OFF, [1] ON
 
     Raises:
-        EvsError: events that cannot be, or a window that is no multiple of the tick
+        EvsError: impossible events, or a window that is no multiple of the tick
     """
     ticks = window.ticks(tick_us)
     events, reference = window.cut(events), window.cut(reference, "reference")
@@ -69,8 +69,8 @@ def emd_map(events: Events, reference: Events, window: Window, tick_us: int = 10
 def mean_emd(events: Events, reference: Events, window: Window, tick_us: int = 1000) -> float:
     """L_EMD, equation (9): both polarities added; the mean over all pixels of the window.
 
-    Arguments, unit and errors as `emd_map`. It rewards silence (half an event for each that is
-    missing, the same for each that is too much): never report it without recall and count ratio.
+    Arguments, unit and errors as `emd_map`. It rewards silence, since a missing event costs as
+    much as an additional one, half an event: always report it with recall and count ratio.
     """
     return float(emd_map(events, reference, window, tick_us).sum() / window.pixels)
 

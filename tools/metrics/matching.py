@@ -38,9 +38,9 @@ class Matching:
     """Pairs of events and reference events; every event is in at most one."""
 
     events: int
-    """n, how many events there were"""
+    """n, number of events"""
     references: int
-    """m, how many reference events there were"""
+    """m, number of reference events"""
     event_index: I64 = field(repr=False)
     """(pairs,) int64 into the events, increasing"""
     reference_index: I64 = field(repr=False)
@@ -48,7 +48,7 @@ class Matching:
 
     @property
     def pairs(self) -> int:
-        """How many pairs."""
+        """Number of pairs."""
         return len(self.event_index)
 
     @property
@@ -71,7 +71,7 @@ class Matching:
 def match_events(
     events: Events, reference: Events, tolerance_us: int = 3000, tolerance_px: int = 1
 ) -> Matching:
-    """The largest set of one-to-one pairs; the module says which of several.
+    """Find the largest set of one-to-one pairs; the module describes which one of several.
 
     Args:
         events: (n,) EVENT_DTYPE, any order
@@ -80,7 +80,7 @@ def match_events(
         tolerance_px: largest difference of x and of y, px, itself allowed; up to MAX_TOLERANCE_PX
 
     Raises:
-        EvsError: not events, a tolerance without sense, more pairs than MAX_PAIRS
+        EvsError: not events, an impossible tolerance, or more pairs than MAX_PAIRS
     """
     check_fields(events, "events")
     check_fields(reference, "reference")
@@ -216,17 +216,17 @@ def _expand(first: I64, count: I64) -> I64:
 class TimingError:
     """t_event - t_reference over all pairs, us; positive is late. NaN where there is no pair.
 
-    No error beyond the matching's tolerance can be seen: read it beside recall. Pairs of two
-    different pixels count too; match with tolerance_px = 0 to leave them out.
+    Errors are limited by the tolerance of the matching, so read them with recall. Pairs of two
+    different pixels count too; match with tolerance_px = 0 to exclude them.
     """
 
     pairs: int
     median_us: float
     """the bias"""
     iqr_us: float
-    """the spread: third less first quartile"""
+    """the spread: third minus first quartile"""
     median_abs_us: float
-    """median of the error without its sign"""
+    """median of the absolute error"""
 
 
 def measure_timing(events: Events, reference: Events, matching: Matching) -> TimingError:
@@ -244,9 +244,6 @@ def measure_timing(events: Events, reference: Events, matching: Matching) -> Tim
     return TimingError(
         len(error), float(middle), float(high - low), float(np.median(np.abs(error)))
     )
-
-
-I64 = npt.NDArray[np.int64]
 
 
 def enlarge_matching(
@@ -318,7 +315,7 @@ def _edges_of_shortest_paths(
 def _flip_disjoint_paths(
     left: I64, right: I64, partner_of_left: I64, partner_of_right: I64
 ) -> None:
-    """Augments along shortest paths without a common vertex, as many as a depth-first walk finds.
+    """Augment along shortest paths without a common vertex, as many as a depth-first walk finds.
 
     Arguments as `_edges_of_shortest_paths` returns them; the matching is changed.
     """

@@ -1,4 +1,4 @@
-"""Events that nothing in the reference explains, per pixel and second."""
+"""Events without a partner in the reference, per pixel and second."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Spurious:
     rate_hz: float
     """unmatched events per pixel of the window and second"""
     static_px: int
-    """how many pixels are static"""
+    """number of static pixels"""
     static_events: int
     """unmatched events on static pixels"""
     static_rate_hz: float
@@ -61,10 +61,10 @@ def measure_spurious(events: Events, matching: Matching, window: Window, static:
 
 
 def static_pixels(reference: Events, window: Window, margin_px: int = 1) -> Mask:
-    """Pixels around which the reference is silent for the whole window.
+    """Pixels around which the reference has no event in the window.
 
-    With margin_px = tolerance_px no event on such a pixel can have a partner, so events that are
-    merely one pixel off an edge are not held against the stillness.
+    With margin_px = tolerance_px, no event on such a pixel can have a partner, and events that are
+    one pixel off an edge do not count as static.
 
     Args:
         reference: (m,) EVENT_DTYPE inside the window (`window.cut`)

@@ -85,7 +85,7 @@ class Window:
             name: what an error calls them
 
         Raises:
-            EvsError: not events at all, or an event inside the window whose x, y or p cannot be
+            EvsError: not events, or an event inside the window has an impossible x, y or p
         """
         check_fields(events, name)
         inside = clean_events(
@@ -113,7 +113,7 @@ class Window:
 
 
 def check_fields(events: Events, name: str) -> None:
-    """Raises EvsError unless events is a (n,) array of events."""
+    """Raise an EvsError unless `events` is a (n,) array of events."""
     if not isinstance(events, np.ndarray) or events.dtype.names != ("t", "x", "y", "p"):
         raise EvsError(f"{name} are no events; give an array of evs.msgs.EVENT_DTYPE")
     if events.ndim != 1:
@@ -121,10 +121,10 @@ def check_fields(events: Events, name: str) -> None:
 
 
 def whole_number(name: str, value: object, lowest: int | None = None) -> int:
-    """The value as an int, numpy's integers too.
+    """Convert a value to an int; integers of NumPy are accepted.
 
     Raises:
-        EvsError: others and below `lowest`.
+        EvsError: the value is no integer, or below `lowest`.
     """
     try:
         number = operator.index(value)  # type: ignore[arg-type]

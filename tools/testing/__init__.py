@@ -1,6 +1,6 @@
-"""The pytest plugin: run a controller against a scene, and say what has to hold of the loop.
+"""The pytest plugin: run a controller against a scene, and check claims about the loop.
 
-pytest loads it where it is asked for: `pytest -p evs`, or `from evs.tools.testing import
+pytest loads it on request: `pytest -p evs`, or `from evs.tools.testing import
 evs_loop` in a conftest.py. Names are imported at first use.
 """
 

@@ -1,7 +1,7 @@
-"""What `pytest -p evs` loads: the fixture evs_loop. The only door to pytest.
+"""The pytest plugin: the fixture evs_loop. The only module that imports pytest.
 
-`-p evs.tools.testing.plugin` loads the same and imports nothing else of evs before a test asks
-for the fixture; under `-p evs` pytest looks at every name of evs, which imports them all.
+`-p evs` and `-p evs.tools.testing.plugin` load it. The latter imports nothing else of evs until a
+test requests the fixture; with `-p evs`, pytest inspects every name of evs, which imports them all.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def evs_loop(tmp_path: Path) -> LoopRunner:
-    """Run a controller against a scene; what comes back says what holds of the loop.
+    """Run a controller against a scene; returns a Run, which checks claims about the loop.
 
     run = evs_loop("cart.xml", Balancer, cameras="onboard", seconds=5.0, seeds=range(3))
     run.settles("angle", within=0.05, after_s=1.0)
 
-    Of what fails, controls, pushes and events stay in the test's tmp_path, to be run again.
+    The episodes of failed claims are written to tmp_path, where they can be replayed.
     """
     from evs.tools.testing.runner import LoopRunner
 

@@ -35,7 +35,15 @@ class Pushes:
     """All pushes of an episode, applied to a loop at the beginning of each of its ticks."""
 
     def __init__(self, loop: Loop, pushes: Sequence[Push]) -> None:
-        """Raises EvsError for a body that does not exist, or numbers that are none."""
+        """Prepare the pushes of an episode.
+
+        Args:
+            loop: to which they are applied.
+            pushes: the pushes.
+
+        Raises:
+            EvsError: a body does not exist, or a number is not finite.
+        """
         model = loop.world.model
         bodies = [model.body(index).name for index in range(model.nbody)]
         self._loop, self._when = loop, []
@@ -54,7 +62,7 @@ class Pushes:
             self._when.append((first, first + ticks, bodies.index(push.body), wrench))
 
     def begin(self) -> None:
-        """An episode has begun: from now on forces follow the loop's clock."""
+        """Begin an episode: from now on, the forces follow the clock of the loop."""
         if not self._when:
             return
         before = self._before = self._loop.on_tick
@@ -68,7 +76,7 @@ class Pushes:
         self._act()
 
     def end(self) -> None:
-        """Leave the loop alone, as it was."""
+        """End the episode: restore the loop's callback and remove all forces."""
         if self._when:
             self._loop.on_tick = self._before
             self._loop.world.data.xfrc_applied[:] = 0.0
@@ -83,12 +91,12 @@ class Pushes:
 
 
 def plain_pushes(pushes: Sequence[Push]) -> list[dict[str, Any]]:
-    """As JSON has them."""
+    """The pushes as JSON values."""
     return [asdict(push) for push in pushes]
 
 
 def pushes_of(plain: Sequence[dict[str, Any]]) -> tuple[Push, ...]:
-    """The pushes that `plain_pushes` wrote down."""
+    """The pushes from what `plain_pushes` returned."""
     return tuple(
         Push(
             body=str(one["body"]),

@@ -20,7 +20,7 @@ SHOWN = 12
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """One seed's episode. n decisions, n + 1 moments: the start, and after each decision."""
+    """The episode of one seed: n decisions, n + 1 moments, the start and after each decision."""
 
     seed: int
     t_us: I64
@@ -28,29 +28,37 @@ class Trace:
     sensors: dict[str, F64]
     """name of a <sensor> of the model -> (n + 1, its dimension)"""
     ctrl: F64
-    """(n, nu) what was decided at the first n moments; NaN: to keep the last"""
+    """(n, nu) controls decided at the first n moments; NaN: the last ones are kept"""
     compute_s: F64
-    """(n,) how long the controller took for it, wall clock"""
+    """(n,) wall-clock time of each decision"""
     events: int
     """events that all cameras made"""
     done: str
-    """why it ended before its time; "": it did not"""
+    """why it ended early; "": it did not"""
     start: Any
-    """everything that it began with, as Loop.save has it"""
+    """the initial state, from Loop.save"""
 
     @property
     def t_s(self) -> F64:
-        """(n + 1,) the same in s."""
+        """(n + 1,) simulated time of each moment, s."""
         return np.asarray(self.t_us * 1e-6, np.float64)
 
     def values(self, name: str) -> F64:
-        """(n + 1, dimension) of a sensor; EvsError says which there are."""
+        """(n + 1, dimension) values of a sensor.
+
+        Raises:
+            EvsError: there is no such sensor; it names those that exist.
+        """
         if name not in self.sensors:
             raise unknown("sensor", name, self.sensors)
         return self.sensors[name]
 
     def value(self, name: str) -> F64:
-        """(n + 1,) of a sensor with one dimension; EvsError where it has more."""
+        """(n + 1,) values of a sensor with one dimension.
+
+        Raises:
+            EvsError: there is no such sensor, or it has several dimensions.
+        """
         values = self.values(name)
         if values.shape[1] != 1:
             raise EvsError(f"sensor '{name}' has {values.shape[1]} numbers: use values('{name}')")
@@ -65,24 +73,24 @@ class Fault:
     says: str
     """what is wrong, and when"""
     size: float
-    """how bad it is: the worst seed is reported in full"""
+    """how bad it is; the worst seed is reported in full"""
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One Trace a seed. Every claim raises AssertionError where it does not hold.
+    """One Trace for each seed. A claim that does not hold raises AssertionError.
 
-    Claims about a time hold only of episodes that reach their end.
+    Claims about a time hold only for episodes that reach their end.
     """
 
     traces: tuple[Trace, ...]
     seconds: float
-    """what an episode should last, simulated time"""
+    """length of an episode that does not end early, simulated time"""
     keep: Callable[[Trace], tuple[str, ...]]
-    """leaves an episode behind as files; the lines that say where, and how to run it again"""
+    """writes an episode to files; returns lines that say where, and how to run it again"""
 
     def never_ends(self) -> None:
-        """No episode ends before its time: no limit was left, no physics broke down."""
+        """No episode ends early, by a limit or by unstable physics."""
         __tracebackhide__ = True
         self._claim("an episode ends before its time", self._ended)
 
@@ -134,7 +142,7 @@ class Run:
             )
 
     def compute_us(self, share: float) -> float:
-        """What a `share` (0 ... 1) of all decisions do not exceed, us; NaN if there were none."""
+        """Quantile `share` (0 ... 1) of the time of all decisions, us; NaN without decisions."""
         every = np.concatenate([trace.compute_s for trace in self.traces])
         if not len(every):
             return float("nan")
@@ -149,7 +157,7 @@ class Run:
         self._claim(claim, fault)
 
     def _ended(self, trace: Trace) -> Fault | None:
-        """The episode ended before its time."""
+        """The fault if the episode ended early."""
         if not trace.done:
             return None
         end_s = float(trace.t_s[-1])
@@ -157,7 +165,7 @@ class Run:
         return Fault(trace, says, self.seconds - end_s)
 
     def _claim(self, what: str, look: Callable[[Trace], Fault | None]) -> None:
-        """AssertionError with the worst seed's story, if any seed breaks the claim."""
+        """Raise AssertionError with a report of the worst seed, if any seed breaks the claim."""
         __tracebackhide__ = True
         faults = [fault for trace in self.traces if (fault := look(trace)) is not None]
         if not faults:
@@ -200,7 +208,7 @@ def _outside(trace: Trace, sensor: str, low: float, high: float, after_s: float)
 
 
 def _excess(values: F64, low: float, high: float) -> F64:
-    """How far each value lies outside; infinity for a NaN."""
+    """How far each value is outside; infinity for a NaN."""
     distance = np.maximum(np.maximum(low - values, values - high), 0.0)
     return np.where(np.isnan(values), np.inf, distance)
 

@@ -21,7 +21,7 @@ from evs.tools.testing.pushes import Push, Pushes
 from evs.tools.testing.run import Run, Trace
 
 Decide = Callable[[Observation], npt.ArrayLike | None]
-"""What a controller is: from what was seen to (nu,) controls, or None to keep the last."""
+"""a controller: from an observation to (nu,) controls, or None to keep the last ones"""
 
 
 class LoopRunner:
@@ -49,23 +49,26 @@ class LoopRunner:
         sensors: Iterable[str] | None = None,
         **options: Any,
     ) -> Run:
-        """Run the controller once a seed, `seconds` of simulated time each, in lock-step.
+        """Run the controller once for each seed, for `seconds` of simulated time, in lock-step.
 
         Args:
-            scene: a file, `package:path`, MjModel or MjSpec; or a Loop, and then no options
-            controller: makes a new one for each seed: a class, or `lambda: function`. What it gives
-                is called with each Observation, and returns controls
-            seconds: how long an episode should last, simulated time
-            seeds: that all noise and the start follow from; a number n is range(n)
-            ticks: how many ticks a decision holds
-            start: name of a joint -> range of its position at the start; or f(random, data)
-            keyframe: the one to start from
-            pushes: forces from outside
-            sensors: names of <sensor>s that are kept for claims; None: all that have a name
+            scene: a file, `package:path`, MjModel or MjSpec; or a Loop, then without options.
+            controller: makes a controller for each seed: a class, or `lambda: function`. The
+                controller is called with each Observation, and returns controls.
+            seconds: length of an episode, simulated time.
+            seeds: of all noise and of the start; a number n is range(n).
+            ticks: ticks of a decision.
+            start: name of a joint -> range of its position at the start; or f(random, data).
+            keyframe: keyframe to start from.
+            pushes: forces from outside.
+            sensors: names of the <sensor>s that claims can use; None: all that have a name.
             options: of evs.Loop: cameras, sensor, limits, delays, tick_us, ...
 
+        Returns:
+            The episodes, with assertions.
+
         Raises:
-            EvsError: for whatever cannot be, one line
+            EvsError: an argument is not possible; one line says which.
         """
         loop, origin = _loop_of(scene, options)
         ticks = plain_integer(ticks, "ticks")
@@ -136,7 +139,7 @@ class _Episode:
         self._events = sum(camera.events for camera in self._loop.world.cameras)
 
     def trace(self) -> Trace:
-        """What it was so far."""
+        """The record of the episode so far."""
         nu = self._loop.nu
         return Trace(
             seed=self._seed,
@@ -164,7 +167,7 @@ def _loop_of(scene: Scene | Loop, options: dict[str, Any]) -> tuple[Loop, LoopOr
 
 
 def _starter(start: Start | None, seed: int) -> Callable[[MjData], None] | None:
-    """What puts an episode's beginning somewhere; None: the loop knows by itself."""
+    """A function that sets the start of an episode; None: the loop sets it."""
     if start is None:
         return None
     return lambda data: begin(start, np.random.default_rng(seed % 2**64), data)
@@ -176,7 +179,7 @@ def _seeds_of(seeds: int | Iterable[int]) -> list[int]:
 
 
 def _made(controller: Callable[[], Decide]) -> Decide:
-    """A controller for one seed; EvsError where what was given makes none."""
+    """Make the controller of one seed; EvsError if `controller` makes none."""
     if callable(controller):
         try:
             made = controller()
