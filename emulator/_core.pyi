@@ -377,7 +377,7 @@ class PixelSettings:
 
 class PixelArray:
     """
-    Event pixels with a fixed pattern (emulator/sensor/pixel/plain.py). The caller
+    Event pixels with a fixed pattern (emulator/sensor/pixel.py). The caller
     owns the state.
     """
 

@@ -12,8 +12,7 @@ from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.protocols import EventModel
 from evs.emulator.base.registry import load
 from evs.emulator.config import ModelConfig
-from evs.emulator.sensor.model_request import ModelRequest
-from evs.emulator.sensor.parameters import SensorParameters
+from evs.emulator.sensor.parameters import ModelRequest, SensorParameters
 from evs.msgs import EvsError, unknown
 
 MAX_CHUNK = 256
@@ -31,8 +30,8 @@ class ModelRow:
 
 
 MODELS = {
-    "plain": ModelRow("evs.emulator.sensor.pixel.plain:plain_model"),
-    "adaptive": ModelRow("evs.emulator.sensor.pixel.plain:adaptive_model"),
+    "plain": ModelRow("evs.emulator.sensor.pixel:plain_model"),
+    "adaptive": ModelRow("evs.emulator.sensor.pixel:adaptive_model"),
     "evsnet": ModelRow("evs.emulator.evsnet.model:evsnet_model", chunked=True),
 }
 """model.name -> its row"""

@@ -17,7 +17,7 @@ from evs.emulator.base.scene import F32
 from evs.emulator.camera.event_models import check_chunk, make_event_model
 from evs.emulator.config import ModelConfig
 from evs.emulator.sensor import SensorParameters, make_readout
-from evs.emulator.sensor.readout.state import ReadoutState
+from evs.emulator.sensor.readout import ReadoutState
 from evs.emulator.state import Saved, joined, number, numbers, part
 from evs.msgs import Events, EvsError
 

@@ -18,7 +18,7 @@ class BiasConfig:
     """[sensor.biases]: the chip's own biases, by its drivers' names. None: the preset's value.
 
     A sensor accepts only the biases of its own chip. Each bias scales a parameter of the preset by
-    the chip's law (emulator/sensor/presets/bias_laws.py).
+    the chip's law (emulator/sensor/bias_laws.py).
     """
 
     bias_diff_on: int | None = None

@@ -7,14 +7,12 @@ import numpy as np
 from evs.emulator.base.arrays import Arrays
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.scene import F32
-from evs.emulator.evsnet.decay import decay_tables
+from evs.emulator.evsnet.bilif import decay_tables
 from evs.emulator.evsnet.graph_network import Network
-from evs.emulator.evsnet.memory_budget import check_dense
 from evs.emulator.evsnet.network_files import load_network
 from evs.emulator.evsnet.runtime import make_runtime
-from evs.emulator.evsnet.state import MAX_TICKS, NetworkState, identity
-from evs.emulator.sensor.model_request import ModelRequest
-from evs.emulator.sensor.parameters import SensorParameters
+from evs.emulator.evsnet.state import MAX_TICKS, NetworkState, check_dense, identity
+from evs.emulator.sensor.parameters import ModelRequest, SensorParameters
 from evs.emulator.sensor.random import Term, pixel_uniforms
 from evs.msgs import Events, EvsError, unknown
 

@@ -14,9 +14,8 @@ import numpy as np
 
 from evs.emulator import _core
 from evs.emulator.base.scene import F32
-from evs.emulator.evsnet.decay import decay_tables
-from evs.emulator.evsnet.memory_budget import check_growth
-from evs.emulator.evsnet.state import NetworkState, check_arrays
+from evs.emulator.evsnet.bilif import decay_tables
+from evs.emulator.evsnet.state import NetworkState, check_arrays, check_growth
 from evs.emulator.evsnet.weights import KERNEL_SIZE, NetworkWeights
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.msgs import EVENT_DTYPE, Events, EvsError

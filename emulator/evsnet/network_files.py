@@ -12,23 +12,28 @@ blocks.0.second.weight, ..., last.weight (1, C, 1, 1), and .bias where there is 
     look_ahead = [0, 0, 0, 0, 0, 0, 0]    # one a convolution
 
 and a table [training], which is for people.
+
+Networks of one design, each trained on light of another number of samples, are a family: the files
+NAME_1spp.onnx, NAME_4spp.onnx ... are the members of family NAME. Light of few samples needs a
+network that averages long, light of many one that does not: a camera takes the member whose samples
+come nearest to its own.
 """
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from evs.emulator.base.scene import F32
 from evs.emulator.base.small_files import read_small_text
-from evs.emulator.evsnet.families import families, members, nearest_member
-from evs.emulator.evsnet.graph_network import Network
+from evs.emulator.evsnet.graph_network import Network, read_graph_network
+from evs.emulator.evsnet.onnx_graph import initialisers
 from evs.emulator.evsnet.weights import KERNEL_SIZE, Block, Convolution, NetworkWeights
-from evs.emulator.evsnet.weights_wire import initialisers
 from evs.msgs import EvsError, nearest_first, unknown
 
 _OURS = {"encoder.weight", "last.weight"}
@@ -99,10 +104,8 @@ def read_network(path: Path) -> Network:
         raise EvsError(f"network file {path}: {reason}") from None
     if _OURS.isdisjoint(tensors):
         # only onnxruntime can read what it is
-        from evs.emulator.evsnet.rest_state import graph_network
-
         try:
-            return graph_network(graph, sidecar)
+            return read_graph_network(graph, sidecar)
         except EvsError as error:
             raise EvsError(f"network file {path}: {error}") from None
     return _Assembly(path, tensors, sidecar["look_ahead"]).network(sidecar)
@@ -235,3 +238,33 @@ _KEYS: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "training": ("a table", lambda value: isinstance(value, dict)),
 }
 """key -> what it is, and whether a value is one"""
+
+
+T = TypeVar("T")
+
+MEMBER = re.compile(r"(?P<family>.+)_(?P<spp>[1-9][0-9]{0,5})spp")
+
+
+def members(family: str, names: Iterable[str]) -> dict[int, str]:
+    """Samples a pixel -> name, of the networks that belong to a family, in order."""
+    found = {}
+    for name in names:
+        parts = MEMBER.fullmatch(name)
+        if parts is not None and parts["family"] == family:
+            found[int(parts["spp"])] = name
+    return dict(sorted(found.items()))
+
+
+def families(names: Iterable[str]) -> list[str]:
+    """Names of the families that these networks belong to, in alphabetical order."""
+    return sorted({parts["family"] for name in names if (parts := MEMBER.fullmatch(name))})
+
+
+def nearest_member(found: Mapping[int, T], spp: int) -> T:
+    """The member for light of so many samples a pixel; 0: light without noise.
+
+    The nearest by ratio; of two that are as near, the one of fewer samples.
+    """
+    if spp == 0:
+        return found[max(found)]
+    return found[min(found, key=lambda own: (abs(math.log2(own / spp)), own))]

@@ -2,16 +2,20 @@
 
 from evs.emulator.sensor.aps import Aps, ApsState
 from evs.emulator.sensor.imu import Imu, ImuState
-from evs.emulator.sensor.parameters import ApsParameters, ImuParameters, SensorParameters
-from evs.emulator.sensor.pixel.plain import PlainModel
-from evs.emulator.sensor.pixel.state import PlainState
-from evs.emulator.sensor.presets.resolve import (
+from evs.emulator.sensor.parameters import (
+    ApsParameters,
+    ImuParameters,
+    ReadoutParameters,
+    SensorParameters,
+)
+from evs.emulator.sensor.pixel import PlainModel, PlainState
+from evs.emulator.sensor.presets import (
     completed,
     preset_biases,
     preset_names,
     resolve_sensor,
 )
-from evs.emulator.sensor.readout import Readout, ReadoutParameters, ReadoutState, make_readout
+from evs.emulator.sensor.readout import Readout, ReadoutState, make_readout
 
 __all__ = [
     "Aps",

@@ -2,15 +2,67 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
-from typing import Never
+from typing import Any, Never, get_args
 
+from evs.emulator.base.features import Switches
 from evs.emulator.base.scene import MAX_PIXELS
-from evs.emulator.config.declaration import declaration, specialised
-from evs.emulator.config.sensor import WHITE_DN, ApsKeys, ImuKeys, PixelKeys
-from evs.emulator.sensor.ranges import check_declared
-from evs.emulator.sensor.readout.parameters import ReadoutParameters
-from evs.msgs import EvsError
+from evs.emulator.config import ModelConfig
+from evs.emulator.config.declaration import Declaration, declaration, specialised
+from evs.emulator.config.sensor import WHITE_DN, ApsKeys, ImuKeys, PixelKeys, ReadoutKeys
+from evs.msgs import EvsError, unknown
+
+
+@dataclass(frozen=True)
+@specialised
+class ReadoutParameters(ReadoutKeys[Never]):
+    """[readout] of a sensor; nothing of it by default. Raises EvsError for values without sense.
+
+    The way of an event: region of interest and mask, the latency of its pixel (sensor.latency_us),
+    `order`, event rate control, link. What is dropped on the way is counted by cause.
+    """
+
+    def __post_init__(self) -> None:
+        check_declared("sensor.readout", self)
+        for key, each, form in (("roi", 4, "x y width height"), ("mask", 2, "x y")):
+            values = getattr(self, key)
+            if not isinstance(values, tuple) or not all(map(is_whole, values)):
+                raise EvsError(f"sensor.readout.{key} is {values!r}; give whole numbers")
+            if len(values) % each:
+                raise EvsError(
+                    f"sensor.readout.{key} has {len(values)} numbers; give {form}, and again {form}"
+                )
+        if not isinstance(self.mask_file, str):
+            raise EvsError(f"sensor.readout.mask_file is {self.mask_file!r}; give a file")
+        if 0 < self.bandwidth_mevs < 1e-6:
+            raise EvsError(
+                f"sensor.readout.bandwidth_mevs is {self.bandwidth_mevs:g}; "
+                "give 0 (unlimited) or 1e-06 (an event a second) and more"
+            )
+        if self.erc_rate_mevs > 0 and self.erc_target == 0:
+            raise EvsError(
+                f"sensor.readout.erc_rate_mevs is {self.erc_rate_mevs:g}: not one event each "
+                f"{self.erc_period_us} us; raise it or erc_period_us"
+            )
+
+    @property
+    def erc_target(self) -> int:
+        """Events that event rate control lets through in a period; 0: it is off."""
+        # Mev/s times us; what is whole in decimal stays so
+        return math.floor(round(self.erc_rate_mevs * self.erc_period_us, 6))
+
+    @property
+    def link_rate(self) -> int:
+        """Events that leave by the link in a second at most; 0: unlimited."""
+        return round(self.bandwidth_mevs * 1e6)
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether every event passes at its own time."""
+        limits = self.erc_rate_mevs > 0 or self.bandwidth_mevs > 0
+        return self.order == "ideal" and not (limits or self.roi or self.mask or self.mask_file)
+
 
 MIN_DARK_DN = 1e-12
 MIN_RATE_HZ = 1e-9
@@ -119,3 +171,59 @@ class SensorParameters(PixelKeys[Never], _Named):
     def refractory_us(self) -> int:
         """The refractory period in whole us."""
         return round(self.refractory_period_s * 1e6)
+
+
+@dataclass(frozen=True)
+class ModelRequest:
+    """The arguments of camera.event_models.make_event_model, for the function in a row."""
+
+    sensor: SensorParameters
+    model: ModelConfig
+    threads: int
+    """0 is one a core"""
+    spp: int
+    """samples a pixel of light with noise; 0: it has none"""
+    switches: Switches
+    isa: str
+
+
+def check_declared(table: str, parameters: Any) -> None:
+    """Check every declared value of a dataclass: its type, its range, the words that it may be.
+
+    Args:
+        table: `sensor.aps` for [sensor.aps], for messages.
+        parameters: An instance of a class whose fields are made by `declaration.parameter`.
+
+    Raises:
+        EvsError: A value is not of its type, or out of its range; the message has its key.
+    """
+    for each in fields(parameters):
+        if (declared := declaration(each)) is not None:
+            key, value = f"{table}.{each.name}", getattr(parameters, each.name)
+            _check(key, value, each.type, declared)
+
+
+def _check(key: str, value: Any, kind: Any, declared: Declaration) -> None:
+    items = get_args(kind)
+    if kind is bool and not isinstance(value, bool):
+        raise EvsError(f"{key} is {value!r}; give true or false")
+    if declared.choices and value not in declared.choices:
+        raise unknown(f"{declared.noun} ({key})", str(value), declared.choices)
+    if kind is int and not is_whole(value):
+        raise EvsError(f"{key} is {value!r}; give a whole number")
+    if len(items) == 3 and (not isinstance(value, tuple) or len(value) != 3):
+        raise EvsError(f"{key} is {value!r}; give three numbers: x, y, z")
+    if declared.within is None:
+        return
+    lowest, highest = declared.within
+    shown = "d" if kind is int else "g"
+    for item in value if isinstance(value, tuple) else (value,):
+        if not isinstance(item, int | float) or isinstance(item, bool):
+            raise EvsError(f"{key} is {value!r}; give a number")
+        if not lowest <= item <= highest:  # also where it is NaN
+            raise EvsError(f"{key} is {item:{shown}}; give {lowest:{shown}} ... {highest:{shown}}")
+
+
+def is_whole(value: Any) -> bool:
+    """Whether it is an int, and no bool."""
+    return isinstance(value, int) and not isinstance(value, bool)

@@ -13,7 +13,7 @@ from evs.emulator.config import RunConfig, SensorConfig
 from evs.msgs import EvsError
 
 if TYPE_CHECKING:
-    from evs.emulator.sensor.presets.described import Bias, Description, Parameter
+    from evs.emulator.sensor.presets import Bias, Description, Parameter
 
 HELP = "list the sensors, or every parameter of one and its source"
 
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     """Print every sensor, or one."""
     # here, so that --help is quick
     from evs.emulator.sensor import preset_names
-    from evs.emulator.sensor.presets.described import describe_sensor
+    from evs.emulator.sensor.presets import describe_sensor
 
     names = [word for word in args.words if "=" not in word]
     if len(names) > 1:

@@ -27,7 +27,7 @@ import pytest
 from evs.emulator.base.scene import F32
 from evs.emulator.config import RenderConfig
 from evs.emulator.render import make_renderer
-from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants, running_mean
+from evs.emulator.sensor.running_mean import RunningMeanConstants, running_mean
 from evs.msgs import Events
 from evs.tools.metrics.compare import Comparison
 from reference.film import VIEWS, Film, model_of

@@ -11,9 +11,7 @@ import pytest
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.sensor import BiasConfig
 from evs.emulator.sensor import preset_biases, preset_names, resolve_sensor
-from evs.emulator.sensor.presets.described import DEFAULT, describe_sensor, flat
-from evs.emulator.sensor.presets.resolve import preset_path
-from evs.emulator.sensor.presets.sources import read_sources
+from evs.emulator.sensor.presets import DEFAULT, describe_sensor, flat, preset_path, read_sources
 from evs.launch.main import main
 
 

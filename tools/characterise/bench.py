@@ -20,7 +20,7 @@ from evs.emulator.base.protocols import EventModel
 from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import ModelConfig
 from evs.emulator.sensor import SensorParameters
-from evs.emulator.sensor.pixel.state import MAX_TICK_US
+from evs.emulator.sensor.pixel import MAX_TICK_US
 from evs.msgs import Events, join_events
 
 Mask = npt.NDArray[np.bool_]

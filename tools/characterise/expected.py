@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from evs.emulator.sensor import SensorParameters
-from evs.emulator.sensor.pixel.logmap import log_light
+from evs.emulator.sensor.pixel import log_light
 from evs.tools.characterise.fit import normal_cdf
 
 DOUBLED = 2.0

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.sensor import SensorParameters, make_readout
-from evs.emulator.sensor.readout import ReadoutParameters
+from evs.emulator.sensor.parameters import ReadoutParameters
 from evs.tools.characterise.bench import Bench, LightExposure, pixel_numbers, share_of
 from evs.tools.characterise.expected import DOUBLED, HALF, latency_s
 from evs.tools.characterise.quantity import Quantity

@@ -11,7 +11,7 @@ import numpy as np
 
 from evs.drivers.run.report import versions
 from evs.emulator.base.scene import F32
-from evs.emulator.sensor.pixel.logmap import log_light
+from evs.emulator.sensor.pixel import log_light
 from evs.emulator.state.versions import versions as emulator_versions
 from evs.msgs import Events, EvsError
 from evs.tools.evaluation import models, scenes

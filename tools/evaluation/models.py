@@ -15,10 +15,16 @@ from evs.emulator.base.protocols import ChunkedModel, EventModel
 from evs.emulator.base.scene import F32
 from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import ModelConfig, SensorConfig
-from evs.emulator.evsnet.families import families, members, nearest_member
 from evs.emulator.evsnet.graph_network import GraphNetwork, Network
 from evs.emulator.evsnet.model import EvsNetModel
-from evs.emulator.evsnet.network_files import load_network, network_names, read_network
+from evs.emulator.evsnet.network_files import (
+    families,
+    load_network,
+    members,
+    nearest_member,
+    network_names,
+    read_network,
+)
 from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters, resolve_sensor
 from evs.msgs import Events, EvsError, join_events, unknown

@@ -14,13 +14,12 @@ import numpy as np
 
 from evs.emulator.base.memory_limits import memory_gb
 from evs.emulator.base.scene import F32
-from evs.emulator.evsnet.graph_network import GraphNetwork, Network
-from evs.emulator.evsnet.memory_budget import dense_bytes
+from evs.emulator.evsnet.graph_network import GraphNetwork, Network, read_graph_network
 from evs.emulator.evsnet.model import EvsNetModel
 from evs.emulator.evsnet.network_files import network_path, read_network
 from evs.emulator.evsnet.onnx_graph import streaming_graph
 from evs.emulator.evsnet.onnx_runtime import OnnxRuntime
-from evs.emulator.evsnet.rest_state import graph_network
+from evs.emulator.evsnet.state import dense_bytes
 from evs.emulator.evsnet.weights import MAX_STEP, NetworkWeights
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.msgs import EvsError
@@ -165,7 +164,9 @@ def _same_as_named(path: Path, network: Network, stream: _Stream) -> list[Findin
 def _as_graph(weights: NetworkWeights, graph: bytes) -> GraphNetwork:
     keys = ("name", "tau_s", "threshold", "linlog_dn", "tick_us", "spp")
     look_ahead = [convolution.look_ahead for convolution in weights.convolutions]
-    return graph_network(graph, {k: getattr(weights, k) for k in keys} | {"look_ahead": look_ahead})
+    return read_graph_network(
+        graph, {k: getattr(weights, k) for k in keys} | {"look_ahead": look_ahead}
+    )
 
 
 def _chunks(stream: _Stream) -> Finding:

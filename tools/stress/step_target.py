@@ -14,7 +14,7 @@ from evs.emulator import World
 from evs.emulator.base.scene import F32, F64
 from evs.emulator.config import SensorConfig
 from evs.emulator.sensor import SensorParameters, resolve_sensor
-from evs.emulator.sensor.pixel.fixed_pattern import draw_pattern
+from evs.emulator.sensor.fixed_pattern import draw_pattern
 from evs.msgs import Events
 from evs.tools.stress.capture import IDEAL, Act, Capture, capture
 

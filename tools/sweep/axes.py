@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from evs.drivers.run.config import PipelineConfig
-from evs.emulator.evsnet.families import families, members
-from evs.emulator.evsnet.network_files import network_names
+from evs.emulator.evsnet.network_files import families, members, network_names
 from evs.emulator.sensor import resolve_sensor
 from evs.msgs import EvsError, unknown
 from evs.tools.sweep.points import SweepPoint, preset_of, sweep_point, unique

@@ -10,8 +10,7 @@ import numpy as np
 from evs.emulator.base.scene import F32
 from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import ModelConfig, SensorConfig
-from evs.emulator.evsnet.families import families
-from evs.emulator.evsnet.network_files import load_network, network_names
+from evs.emulator.evsnet.network_files import families, load_network, network_names
 from evs.emulator.sensor import SensorParameters, resolve_sensor
 from evs.msgs import Events, EvsError, join_events
 from evs.tools.evaluation import models

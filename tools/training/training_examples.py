@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from evs.emulator.base.scene import F32, U8
 from evs.emulator.sensor import resolve_sensor
-from evs.emulator.sensor.pixel.logmap import log_light
+from evs.emulator.sensor.pixel import log_light
 from evs.msgs import EvsError
 from evs.tools.training.network import THRESHOLD
 from evs.tools.training.recipes import GROUP, Recipe

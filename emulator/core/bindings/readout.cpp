@@ -1,4 +1,4 @@
-// Python binding of the readout, for emulator/sensor/readout.
+// Python binding of the readout, for emulator/sensor/readout.py.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>

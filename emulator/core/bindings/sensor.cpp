@@ -238,7 +238,7 @@ void bind_sensor(nb::module_& m) {
            "    causes: Whether events hold their cause.");
   nb::class_<BoundPixels>(
       m, "PixelArray",
-      "Event pixels with a fixed pattern (emulator/sensor/pixel/plain.py). The caller\n"
+      "Event pixels with a fixed pattern (emulator/sensor/pixel.py). The caller\n"
       "owns the state.")
       .def(nb::init<const PixelSettings&, int, int, FrameIn<float>, FrameIn<float>, MaybeIn<float>,
                     MaybeIn<float>, MaybeIn<float>, MaybeIn<uint8_t>, MaybeIn<float>,

@@ -16,7 +16,7 @@ struct Request {
   Event event;
 };
 
-// The entries of `clock` in emulator/sensor/readout/state.py, all int64. The first six count
+// The entries of `clock` in emulator/sensor/readout.py, all int64. The first six count
 // dropped events by cause.
 enum ClockPlace : size_t {
   DropRoi,

@@ -1,5 +1,5 @@
 // The noise-adaptive running mean of luminance in front of the pixel (model `adaptive`).
-// emulator/sensor/pixel/running_mean.py explains it, and has its constants and the same float32
+// emulator/sensor/running_mean.py explains it, and has its constants and the same float32
 // steps.
 #pragma once
 

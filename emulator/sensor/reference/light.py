@@ -9,7 +9,7 @@ import numpy as np
 
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor.parameters import SensorParameters
-from evs.emulator.sensor.pixel.running_mean import BLACK
+from evs.emulator.sensor.running_mean import BLACK
 
 _LN_FIT = (
     "0x1.1457aep-4 -0x1.de3c22p-4 0x1.e6f06ep-4 -0x1.fc2206p-4 0x1.233768p-3 "

@@ -8,11 +8,10 @@ from functools import lru_cache
 import numpy as np
 
 from evs.emulator.base.scene import F32, F64
+from evs.emulator.sensor import running_mean
+from evs.emulator.sensor.fixed_pattern import FixedPattern, draw_pattern
 from evs.emulator.sensor.parameters import SensorParameters
-from evs.emulator.sensor.pixel import running_mean
-from evs.emulator.sensor.pixel.fixed_pattern import FixedPattern, draw_pattern
-from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants, RunningMeanState
-from evs.emulator.sensor.pixel.state import BLOCK, PlainState, check_tick
+from evs.emulator.sensor.pixel import BLOCK, PlainState, check_tick
 from evs.emulator.sensor.reference.comparators import PixelEvent, PixelTick, compare
 from evs.emulator.sensor.reference.filters import bandwidth, follow, share_of_tick, shares
 from evs.emulator.sensor.reference.light import is_light, log_light, to_dn
@@ -24,6 +23,7 @@ from evs.emulator.sensor.reference.noise import (
     on_grid,
     shot_share,
 )
+from evs.emulator.sensor.running_mean import RunningMeanConstants, RunningMeanState
 from evs.msgs import Events, make_events
 
 

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.scene import F32, F64
+from evs.emulator.sensor.fixed_pattern import FixedPattern
 from evs.emulator.sensor.parameters import SensorParameters
-from evs.emulator.sensor.pixel.fixed_pattern import FixedPattern
 from evs.emulator.sensor.random import Term
 
 UNITS = 1024

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from evs.emulator.base import memory_limits
-from evs.emulator.evsnet.memory_budget import check_growth
+from evs.emulator.evsnet.state import check_growth
 from evs.launch import main
 from evs.msgs import EvsError
 from evs.tools.stress.memory import address_space

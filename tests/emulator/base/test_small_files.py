@@ -21,9 +21,9 @@ READ = """
 import resource, sys
 from pathlib import Path
 from evs.drivers.settings import read_toml
-from evs.emulator.sensor.presets.resolve import _read
-from evs.emulator.sensor.readout.parameters import ReadoutParameters
-from evs.emulator.sensor.readout.pixel_mask import draw_fates
+from evs.emulator.sensor.presets import _read
+from evs.emulator.sensor.parameters import ReadoutParameters
+from evs.emulator.sensor.readout import draw_fates
 from evs.msgs import EvsError
 held = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (held + (1 << 28), held + (1 << 28)))

@@ -19,12 +19,11 @@ from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.evsnet.model import EvsNetModel
 from evs.emulator.render import DirectRenderer
 from evs.emulator.render.flicker import Flicker
-from evs.emulator.sensor import SensorParameters
+from evs.emulator.sensor import SensorParameters, fixed_pattern
 from evs.emulator.sensor.aps import Aps
 from evs.emulator.sensor.imu import Imu
-from evs.emulator.sensor.pixel import fixed_pattern
-from evs.emulator.sensor.pixel.plain import PlainModel
-from evs.emulator.sensor.readout.readout import Readout
+from evs.emulator.sensor.pixel import PlainModel
+from evs.emulator.sensor.readout import Readout
 from evs.emulator.simulation.world import World
 from reference.networks import random_network
 from reference.planned import NEEDS, PLAIN, Film, told

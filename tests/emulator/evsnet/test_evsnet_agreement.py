@@ -8,10 +8,9 @@ from io import BytesIO
 import numpy as np
 import pytest
 
-from evs.emulator.evsnet.families import MEMBER, families
 from evs.emulator.evsnet.graph_network import Network
 from evs.emulator.evsnet.model import EvsNetModel
-from evs.emulator.evsnet.network_files import load_network, network_names
+from evs.emulator.evsnet.network_files import MEMBER, families, load_network, network_names
 from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters
 from reference.agreement import Run, compare, run

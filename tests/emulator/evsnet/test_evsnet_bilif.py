@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from evs.emulator.evsnet.bilif import BiLIF, crossing_us
-from evs.emulator.evsnet.decay import Decay, decay_tables
+from evs.emulator.evsnet.bilif import BiLIF, Decay, crossing_us, decay_tables
 from evs.msgs import EVENT_DTYPE
 
 

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.emulator.evsnet.bilif import BiLIF
-from evs.emulator.evsnet.decay import decay_tables
+from evs.emulator.evsnet.bilif import BiLIF, decay_tables
 
 pytestmark = pytest.mark.property
 

@@ -8,7 +8,7 @@ from math import ulp
 import numpy as np
 import pytest
 
-from evs.emulator.evsnet.decay import (
+from evs.emulator.evsnet.bilif import (
     HIGH_ENTRIES,
     LEAST,
     LOW_TICKS,

@@ -9,8 +9,14 @@ import pytest
 from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import ModelConfig, RenderConfig
 from evs.emulator.evsnet import network_files
-from evs.emulator.evsnet.families import families, members, nearest_member
-from evs.emulator.evsnet.network_files import load_network, network_names, network_path
+from evs.emulator.evsnet.network_files import (
+    families,
+    load_network,
+    members,
+    nearest_member,
+    network_names,
+    network_path,
+)
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
 from evs.tools.evaluation import models

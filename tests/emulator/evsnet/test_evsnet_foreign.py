@@ -11,10 +11,9 @@ from onnx import TensorProto, helper
 
 from evs.emulator.evsnet import NetworkWeights
 from evs.emulator.evsnet.graph_network import GraphNetwork
-from evs.emulator.evsnet.memory_budget import dense_bytes
 from evs.emulator.evsnet.model import EvsNetModel
 from evs.emulator.evsnet.network_files import read_network
-from evs.emulator.evsnet.state import NetworkState
+from evs.emulator.evsnet.state import NetworkState, dense_bytes
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
 from reference.agreement import run

@@ -11,7 +11,7 @@ from evs.emulator.base.scene import F32
 from evs.emulator.evsnet.log_delta import LogDelta
 from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters
-from evs.emulator.sensor.pixel.logmap import log_light
+from evs.emulator.sensor.pixel import log_light
 from reference.networks import through_network
 
 SENSOR = SensorParameters("test", 9, 4, 0.2, 0.2, exposure_dn=200.0, dark_lux=2.0, white_lux=255.0)

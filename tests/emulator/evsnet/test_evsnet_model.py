@@ -12,9 +12,8 @@ from evs.emulator.base import memory_limits
 from evs.emulator.base.scene import F32
 from evs.emulator.config import SensorConfig
 from evs.emulator.evsnet import Block, NetworkWeights
-from evs.emulator.evsnet.memory_budget import dense_bytes
 from evs.emulator.evsnet.model import MAX_TIME_US, EvsNetModel
-from evs.emulator.evsnet.state import MAX_TICKS, NetworkState
+from evs.emulator.evsnet.state import MAX_TICKS, NetworkState, dense_bytes
 from evs.emulator.sensor import PlainModel, SensorParameters, preset_names, resolve_sensor
 from evs.msgs import EVENT_DTYPE, EvsError
 from reference.networks import random_network, through_network
@@ -226,7 +225,7 @@ def test_a_dense_state_that_does_not_fit(monkeypatch: pytest.MonkeyPatch) -> Non
     large = replace(SENSOR, width=4096, height=4096)
     eight = random_network(1)
     assert dense_bytes(eight, 4096, 4096) == (20 + 4 * 7 * 49) * 4096**2
-    monkeypatch.setattr("evs.emulator.evsnet.memory_budget.memory_gb", lambda: (20.0, 16.2))
+    monkeypatch.setattr("evs.emulator.evsnet.state.memory_gb", lambda: (20.0, 16.2))
     says = (
         "a dense 4096x4096 state of 8 channels is 23.4 GB; 16.2 GB are free: use a smaller sensor, "
         "a network of fewer channels, or runtime native with a network without biases, which keeps "
@@ -236,13 +235,13 @@ def test_a_dense_state_that_does_not_fit(monkeypatch: pytest.MonkeyPatch) -> Non
     refused(says, lambda: EvsNetModel(large, eight, runtime="onnxruntime"))
     refused(says, lambda: EvsNetModel(large, eight, sparse=False))
     refused(says, lambda: EvsNetModel(large, random_network(1, biased=True)))
-    monkeypatch.setattr("evs.emulator.evsnet.memory_budget.memory_gb", lambda: (40.0, 30.0))
+    monkeypatch.setattr("evs.emulator.evsnet.state.memory_gb", lambda: (40.0, 30.0))
     model(large, eight)
 
 
 def test_what_could_move_at_most_is_no_reason_to_refuse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Native and without biases, only what moves has FIFOs."""
-    monkeypatch.setattr("evs.emulator.evsnet.memory_budget.memory_gb", lambda: (1.0, 0.01))
+    monkeypatch.setattr("evs.emulator.evsnet.state.memory_gb", lambda: (1.0, 0.01))
     large = replace(SENSOR, width=1024, height=1024)
     state = EvsNetModel(large, random_network(1)).init(0)
     assert sum(array.nbytes for array in state.arrays.values()) < 30 * 1024**2

@@ -10,7 +10,7 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.base.scene import F32
 from evs.emulator.evsnet import NetworkWeights
-from evs.emulator.evsnet.decay import decay_tables
+from evs.emulator.evsnet.bilif import decay_tables
 from evs.emulator.evsnet.model import EvsNetModel
 from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters

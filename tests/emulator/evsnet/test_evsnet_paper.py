@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.base.scene import F32
-from evs.emulator.evsnet.decay import decay_per_tick
+from evs.emulator.evsnet.bilif import decay_per_tick
 from evs.emulator.evsnet.model import EvsNetModel
 from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters

@@ -18,8 +18,8 @@ from evs.emulator.evsnet.network_files import (
     network_path,
     read_network,
 )
+from evs.emulator.evsnet.onnx_graph import initialisers
 from evs.emulator.evsnet.state import identity
-from evs.emulator.evsnet.weights_wire import initialisers
 from evs.msgs import EvsError
 from evs.tools.training.export import export
 from reference.networks import random_network

@@ -13,8 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evs.emulator.evsnet.network_files import read_network
-from evs.emulator.evsnet.onnx_graph import streaming_graph
-from evs.emulator.evsnet.weights_wire import initialisers
+from evs.emulator.evsnet.onnx_graph import initialisers, streaming_graph
 from evs.msgs import EvsError
 from evs.tools.training.export import sidecar
 from reference.networks import random_network

@@ -7,7 +7,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from evs.emulator.sensor.pixel.running_mean import (
+from evs.emulator.sensor.running_mean import (
     LARGEST_LIGHT,
     RunningMeanConstants,
     dark,

@@ -14,7 +14,7 @@ from evs.emulator.base.scene import F32
 from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import ModelConfig
 from evs.emulator.sensor import PlainModel, SensorParameters
-from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants, dark, step
+from evs.emulator.sensor.running_mean import RunningMeanConstants, dark, step
 
 pytestmark = pytest.mark.property
 

@@ -15,9 +15,8 @@ import evs
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.sensor import BiasConfig
 from evs.emulator.sensor import PlainModel, preset_biases, preset_names, resolve_sensor
-from evs.emulator.sensor.presets.bias_laws import COARSE_PA, LAWS
-from evs.emulator.sensor.presets.biases import Nominal, with_biases
-from evs.emulator.sensor.presets.resolve import _PRESETS
+from evs.emulator.sensor.bias_laws import COARSE_PA, LAWS, Nominal, with_biases
+from evs.emulator.sensor.presets import _PRESETS
 from evs.msgs import EvsError
 
 NAMES = tuple(field.name for field in fields(BiasConfig))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.sensor import PlainModel, SensorParameters
-from evs.emulator.sensor.pixel.logmap import log_light
+from evs.emulator.sensor.pixel import log_light
 from evs.msgs import EVENT_DTYPE, Events
 
 pytestmark = pytest.mark.golden

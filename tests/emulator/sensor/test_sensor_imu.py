@@ -15,7 +15,7 @@ import pytest
 
 from evs.emulator.base.scene import CameraPose
 from evs.emulator.sensor import Imu, ImuParameters, ImuState
-from evs.emulator.sensor.rotation import rotation_vector
+from evs.emulator.sensor.imu import rotation_vector
 from evs.msgs import DEGREE, STANDARD_GRAVITY, EvsError, ImuSamples
 
 F64 = npt.NDArray[np.float64]

@@ -14,7 +14,7 @@ from scipy import stats
 
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
-from evs.emulator.sensor.pixel.state import MAX_TICK_US
+from evs.emulator.sensor.pixel import MAX_TICK_US
 from evs.msgs import Events, join_events
 from reference.waves import Waves
 

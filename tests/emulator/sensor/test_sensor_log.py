@@ -10,7 +10,7 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor import SensorParameters, reference
-from evs.emulator.sensor.pixel.logmap import log_light
+from evs.emulator.sensor.pixel import log_light
 
 F = np.float32
 

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from evs.emulator import _core
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
-from evs.emulator.sensor.pixel.logmap import log_light
-from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants
+from evs.emulator.sensor.pixel import log_light
 from evs.emulator.sensor.reference import ReferenceModel, caught_up
+from evs.emulator.sensor.running_mean import RunningMeanConstants
 
 pytestmark = pytest.mark.property
 

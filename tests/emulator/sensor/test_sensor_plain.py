@@ -9,7 +9,7 @@ import pytest
 
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
-from evs.emulator.sensor.pixel.fixed_pattern import draw_pattern
+from evs.emulator.sensor.fixed_pattern import draw_pattern
 from evs.emulator.sensor.random import Term, pixel_normals
 from evs.msgs import EVENT_DTYPE, Events, EvsError
 

@@ -14,7 +14,7 @@ from evs.emulator.base.scene import F32
 from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import ModelConfig
 from evs.emulator.sensor import PlainState, SensorParameters
-from evs.emulator.sensor.pixel.state import MAX_TICK_US
+from evs.emulator.sensor.pixel import MAX_TICK_US
 
 pytestmark = pytest.mark.property
 

@@ -10,7 +10,7 @@ import pytest
 
 from evs.emulator.config.declaration import parameter
 from evs.emulator.config.plain_values import plain_config
-from evs.emulator.sensor.presets.tables import SensorFile, fill
+from evs.emulator.sensor.presets import SensorFile, fill
 from evs.msgs import EvsError
 
 

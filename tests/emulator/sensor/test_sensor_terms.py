@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from evs.emulator.base.features import FEATURES
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
-from evs.emulator.sensor.pixel.fixed_pattern import FixedPattern, draw_pattern
+from evs.emulator.sensor.fixed_pattern import FixedPattern, draw_pattern
 from evs.emulator.sensor.terms import TERMS as DECLARED
 from evs.emulator.sensor.terms import SensorTerms
 from evs.msgs import Events

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.sensor import PlainModel, SensorParameters
-from evs.emulator.sensor.pixel.fixed_pattern import FLOOR, draw_pattern
+from evs.emulator.sensor.fixed_pattern import FLOOR, draw_pattern
 from evs.emulator.sensor.random import Term, pixel_normals
 
 pytestmark = pytest.mark.statistical

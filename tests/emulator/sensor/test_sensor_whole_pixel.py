@@ -10,9 +10,9 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
-from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants
-from evs.emulator.sensor.pixel.state import MAX_CLOCK_US, MAX_TICK_US
+from evs.emulator.sensor.pixel import MAX_CLOCK_US, MAX_TICK_US
 from evs.emulator.sensor.reference import ReferenceModel, caught_up
+from evs.emulator.sensor.running_mean import RunningMeanConstants
 from evs.msgs import Events, EvsError, join_events
 
 pytestmark = pytest.mark.extremes

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.base.scene import F32
-from evs.emulator.evsnet.bilif import BiLIF
-from evs.emulator.evsnet.decay import decay_tables
+from evs.emulator.evsnet.bilif import BiLIF, decay_tables
 from evs.emulator.evsnet.model import EvsNetModel
 from evs.emulator.evsnet.state import NetworkState
 from evs.msgs import Events

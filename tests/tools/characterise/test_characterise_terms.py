@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.sensor import PlainModel, SensorParameters
-from evs.emulator.sensor.readout import ReadoutParameters
+from evs.emulator.sensor.parameters import ReadoutParameters
 from evs.tools.characterise import (
     Bench,
     Quantity,

@@ -14,9 +14,9 @@ from evs.drivers import clock
 from evs.drivers.run import statistics
 from evs.drivers.run.pace_monitor import PaceMonitor
 from evs.emulator.evsnet import native
-from evs.emulator.evsnet.decay import Decay, decay_tables
-from evs.emulator.sensor.pixel import plain
-from evs.emulator.sensor.readout.state import ReadoutState
+from evs.emulator.evsnet.bilif import Decay, decay_tables
+from evs.emulator.sensor import pixel
+from evs.emulator.sensor.readout import ReadoutState
 from evs.msgs import Events
 from evs.tools.stress import CaseResult, cases_of, machine, network, run_case
 from evs.tools.stress.child_process import ProcessResult
@@ -45,13 +45,13 @@ def test_whole_they_hold() -> None:
 
 def changed(patch: Patch, change: Callable[[Events], Events]) -> None:
     """Events of every tick as `change` makes them."""
-    step = plain.PlainModel.step
+    step = pixel.PlainModel.step
 
-    def wrong(self: plain.PlainModel, *args: Any) -> tuple[Events, Any]:
+    def wrong(self: pixel.PlainModel, *args: Any) -> tuple[Events, Any]:
         events, state = step(self, *args)
         return change(events), state
 
-    patch.setattr(plain.PlainModel, "step", wrong)
+    patch.setattr(pixel.PlainModel, "step", wrong)
 
 
 @pytest.mark.parametrize(
@@ -75,13 +75,13 @@ def test_events_that_are_late(monkeypatch: Patch) -> None:
         delayed["t"] += 0 if len(events) < 2 else np.minimum(9, events["t"][-1] - events["t"])
         return delayed
 
-    step = plain.PlainModel.step
+    step = pixel.PlainModel.step
 
-    def wrong(self: plain.PlainModel, *args: Any) -> tuple[Events, Any]:
+    def wrong(self: pixel.PlainModel, *args: Any) -> tuple[Events, Any]:
         events, state = step(self, *args)
         return late(events) if self.sensor.cutoff_hz else events, state
 
-    monkeypatch.setattr(plain.PlainModel, "step", wrong)
+    monkeypatch.setattr(pixel.PlainModel, "step", wrong)
     assert not tried("cutoff-1-mhz").holds
 
 
@@ -192,13 +192,13 @@ def test_a_path_without_avx_that_makes_other_events(monkeypatch: Patch) -> None:
 
 
 def test_a_thread_that_makes_other_events(monkeypatch: Patch) -> None:
-    step = plain.PlainModel.step
+    step = pixel.PlainModel.step
 
-    def wrong(self: plain.PlainModel, *args: Any) -> tuple[Events, Any]:
+    def wrong(self: pixel.PlainModel, *args: Any) -> tuple[Events, Any]:
         events, state = step(self, *args)
         return events if self._threads == 1 else events[::2], state
 
-    monkeypatch.setattr(plain.PlainModel, "step", wrong)
+    monkeypatch.setattr(pixel.PlainModel, "step", wrong)
     found = tried("threads")
     assert found.measurement is not None
     assert found.measurement.value > 100

@@ -1,1 +1,0 @@
-"""Sensor files: the parameters of a real chip, and its biases."""
