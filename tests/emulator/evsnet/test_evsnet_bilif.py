@@ -1,14 +1,28 @@
-"""BiLIF by hand: what each line of its rule does."""
+"""BiLIF: what the paper's equations ask of it, its decay, and one pixel at a time byte for byte."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from decimal import Context, Decimal
+from math import ulp
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from evs.emulator.evsnet.bilif import BiLIF, Decay, crossing_us, decay_tables
-from evs.msgs import EVENT_DTYPE
+from evs.emulator.evsnet.bilif import (
+    HIGH_ENTRIES,
+    LEAST,
+    LOW_TICKS,
+    BiLIF,
+    Decay,
+    crossing_us,
+    decay_per_tick,
+    decay_tables,
+)
+from evs.msgs import EVENT_DTYPE, EvsError
 
 
 def halving() -> Decay:
@@ -201,3 +215,200 @@ def test_untouched_pixels_hold_their_bits() -> None:
         assert len(events) == 0
     assert v.tobytes() == kept.tobytes()
     assert not last.any()
+
+
+class OnePixel:
+    """The rule as the issue words it, with scalars."""
+
+    def __init__(self, unit: BiLIF, v: np.float32) -> None:
+        self.unit, self.v, self.last, self.clamped = unit, v, 0, 0
+
+    def tick(self, n: int, current: np.float32, begin_us: int, tick_us: int) -> tuple[int, int]:
+        """(t_us, p) of its event, or (0, -1)."""
+        on, off = self.unit.on, self.unit.off
+        if not (current != 0 or self.v >= on or self.v <= -off):
+            return 0, -1
+        waited = n - self.last
+        dv = self.v * self.unit.decay.low[waited % 256]
+        if waited >= 256:
+            dv = dv * (self.unit.decay.high[waited // 256] if waited < 2**20 else np.float32(0))
+        v1 = dv + current
+        if abs(v1) > 64:
+            self.clamped += 1
+            v1 = np.float32(math.copysign(64, v1))
+        self.last = n
+        if v1 >= on:
+            self.v = v1 - on
+            return self.stamp(float(on), float(dv), float(current), begin_us, tick_us, dv < on), 1
+        if v1 <= -off:
+            self.v = v1 + off
+            stamp = self.stamp(-float(off), float(dv), float(current), begin_us, tick_us, dv > -off)
+            return stamp, 0
+        self.v = v1
+        return 0, -1
+
+    def stamp(
+        self, level: float, dv: float, current: float, begin: int, tick: int, moving: bool
+    ) -> int:
+        exact = (level - dv) * tick / current if moving else 0.0
+        return begin + min(max(math.ceil(exact), 1), tick)
+
+
+LEVELS = st.floats(0.0625, 8.0, width=32)
+CURRENTS = st.one_of(
+    st.just(0.0),
+    st.floats(-3.0, 3.0, width=32),
+    st.floats(-200.0, 200.0, width=32),
+    st.sampled_from([0.5, -0.5, 1.0, -1.0, 64.0, -64.0, 1e30, -1e30, 1e-30, -0.0]),
+)
+
+
+@pytest.mark.property
+@settings(max_examples=150)
+@given(
+    on=LEVELS,
+    off=LEVELS,
+    exact=st.booleans(),
+    tau_ticks=st.floats(1.0, 15_000.0),
+    tick_us=st.sampled_from([1, 100, 1000, 10_000]),
+    shape=st.sampled_from([(1, 1), (2, 3), (1, 5)]),
+    data=st.data(),
+)
+def test_every_event_and_every_bit_of_the_state(
+    on: float,
+    off: float,
+    exact: bool,
+    tau_ticks: float,
+    tick_us: int,
+    shape: tuple[int, int],
+    data: st.DataObject,
+) -> None:
+    # thresholds of 1 make ties likely
+    unit = BiLIF(
+        np.float32(1 if exact else on),
+        np.float32(1 if exact else off),
+        decay_tables(tau_ticks * tick_us * 1e-6, tick_us),
+    )
+    count = shape[0] * shape[1]
+    share = data.draw(st.lists(st.floats(-0.99, 0.99), min_size=count, max_size=count))
+    v = np.array(share, np.float32).reshape(shape) * min(unit.on, unit.off)
+    last = np.zeros(shape, np.int64)
+    pixels = [OnePixel(unit, value) for value in v.reshape(-1).copy()]
+    # stillness of any length between the ticks in which something happens
+    waits = data.draw(
+        st.lists(
+            st.sampled_from([1, 1, 1, 1, 2, 255, 256, 257, 70_000, 2**20, 2**40]),
+            min_size=1,
+            max_size=12,
+        )
+    )
+    n, clamped = 0, 0
+    for wait in waits:
+        currents = data.draw(st.lists(CURRENTS, min_size=count, max_size=count))
+        frame = np.array(currents, np.float32).reshape(shape)
+        begin_us = n * tick_us
+        events, more = unit.step(frame, v, last, n, begin_us, tick_us)
+        clamped += more
+        expected = []
+        for place, (pixel, current) in enumerate(zip(pixels, frame.reshape(-1), strict=True)):
+            stamp, polarity = pixel.tick(n, current, begin_us, tick_us)
+            if polarity >= 0:
+                expected.append((stamp, place, polarity))
+        told = [(t, x + shape[1] * y, p) for t, x, y, p in events.tolist()]
+        assert told == sorted(expected, key=lambda event: event[:2])
+        assert v.tobytes() == np.array([pixel.v for pixel in pixels], np.float32).tobytes()
+        assert last.reshape(-1).tolist() == [pixel.last for pixel in pixels]
+        assert clamped == sum(pixel.clamped for pixel in pixels)
+        n += wait
+
+
+EXACT = Context(prec=80)
+
+
+def exact_power(tau_s: float, tick_us: int, ticks: int) -> float:
+    """e^(-ticks dt / tau) to the last bit of a float64."""
+    tau_us = EXACT.multiply(Decimal(tau_s), Decimal(10**6))
+    return float(EXACT.exp(EXACT.divide(Decimal(-ticks * tick_us), tau_us)))
+
+
+def after(tau_s: float, tick_us: int, v: float, ticks: int) -> np.float32:
+    decay = decay_tables(tau_s, tick_us)
+    return np.float32(decay(np.array([v], np.float32), np.array([ticks], np.int64))[0])
+
+
+@pytest.mark.parametrize(
+    ("tau_s", "tick_us"), [(0.38, 1000), (0.85, 1000), (0.005, 250), (15, 1000)]
+)
+def test_one_tick_is_the_nearest_number(tau_s: float, tick_us: int) -> None:
+    tau_us = EXACT.multiply(Decimal(tau_s), Decimal(10**6))
+    exact = EXACT.exp(EXACT.divide(Decimal(-tick_us), tau_us))
+    d = decay_per_tick(tau_s, tick_us)
+    assert abs(Decimal(d) - exact) <= Decimal(ulp(d)) / 2
+
+
+@pytest.mark.parametrize(
+    ("tau_s", "tick_us"), [(0.38, 1000), (0.85, 1000), (0.005, 250), (15, 1000)]
+)
+def test_entries_are_exact_powers_rounded(tau_s: float, tick_us: int) -> None:
+    tables = decay_tables(tau_s, tick_us)
+    assert tables.low.shape == (LOW_TICKS,)
+    assert tables.high.shape == (HIGH_ENTRIES,)
+    for table, stride in ((tables.low, 1), (tables.high, LOW_TICKS)):
+        assert table.dtype == np.float32
+        assert table[0] == 1
+        for place in {*range(0, len(table), 37), len(table) - 1}:
+            exact = exact_power(tau_s, tick_us, place * stride)
+            # float64 powers drift by far less than half a bit of float32
+            assert table[place] == pytest.approx(
+                exact if exact > LEAST else 0.0, rel=2.0**-24 * 1.01
+            )
+
+
+def test_many_ticks_at_once_are_the_ticks_one_by_one() -> None:
+    """A tick of the slow way rounds twice by half a bit, all of them at once four times."""
+    one = decay_tables(0.5, 1000).low[1]
+    v = np.float32(0.97)
+    for ticks in range(1, 3000):
+        v = v * one
+        exact = float(np.float32(0.97)) * exact_power(0.5, 1000, ticks)
+        at_once = float(after(0.5, 1000, 0.97, ticks))
+        assert at_once == pytest.approx(exact, rel=4 * 2.0**-24)
+        apart = abs(float(v) - at_once)
+        assert apart <= (2 * ticks + 4) * 2.0**-24 * exact
+        assert apart < 1e-6 * ticks
+
+
+def test_no_tick_changes_nothing_and_short_waits_round_once() -> None:
+    assert after(0.5, 1000, 0.123, 0) == np.float32(0.123)
+    low = decay_tables(0.5, 1000).low
+    assert after(0.5, 1000, 0.123, 255) == np.float32(0.123) * low[255]
+
+
+def test_the_end_of_the_table_is_zero() -> None:
+    end = LOW_TICKS * HIGH_ENTRIES
+    assert after(15.0, 1000, 64.0, 15_000 * 69) > 0
+    for ticks in (end, end + 1, 2**52):
+        assert after(15.0, 1000, 64.0, ticks) == 0
+    # where the last entry is just over the least that comes in
+    assert after(15.126, 1000, 64.0, end - 1) > 0
+    assert after(15.126, 1000, 64.0, end) == 0
+
+
+def test_nothing_below_2_to_the_minus_100_comes_in() -> None:
+    tables = decay_tables(0.5, 1000)
+    every = np.concatenate([tables.low, tables.high])
+    assert np.all((every == 0) | (every >= LEAST))
+    assert np.any(every == 0)
+
+
+def test_a_time_constant_that_outlasts_the_table_is_refused() -> None:
+    with pytest.raises(
+        EvsError, match=r"^tau_s is 16; in ticks of 1000 us make it at most 15.1 s$"
+    ):
+        decay_tables(16.0, 1000)
+
+
+def test_a_time_constant_of_nothing_forgets_at_once() -> None:
+    for tau_s in (1e-9, 5e-324):
+        assert after(tau_s, 1000, 1.0, 1) == 0
+        assert after(tau_s, 1000, 1.0, 0) == 1

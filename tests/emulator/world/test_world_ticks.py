@@ -13,27 +13,6 @@ from evs.emulator.world import Physics, fill_tick
 from evs.msgs import EvsError
 
 
-@pytest.mark.parametrize(
-    ("tick_us", "timestep_s", "count"),
-    [
-        (1000, 0.002, 1),
-        (1000, 0.001, 1),
-        (1000, 0.0003, 4),
-        (1000, 0.0001, 10),
-        (1000, 0.00005, 20),
-        (300, 0.0001, 3),
-        (700, 0.0001, 7),
-        (10_000, 0.003, 4),
-        (1, 0.01, 1),
-    ],
-)
-def test_the_fewest_steps_that_are_no_longer_than_the_models(tick_us, timestep_s, count):
-    substeps = fill_tick(tick_us, timestep_s)
-    assert substeps.count == count
-    assert substeps.timestep_s * count == pytest.approx(tick_us * 1e-6, rel=1e-15)
-    assert substeps.timestep_s <= timestep_s * (1 + 1e-9)
-
-
 def test_the_choice_is_a_sentence():
     assert str(fill_tick(1000, 0.003)) == (
         "1 physics step of 1 ms in each tick of 1 ms (the model asks for 3 ms; "
