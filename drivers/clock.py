@@ -37,7 +37,7 @@ class StageTime:
 class Durations:
     """Quantiles of any number of durations in bounded memory: counts in bins 1 % wide.
 
-    Runs of hours have millions of ticks. Out: quantiles right to 0.5 %; below 1 ns counts as zero.
+    Runs of hours have millions of ticks. Quantiles are right to 0.5 %; below 1 ns counts as zero.
     """
 
     _WIDTH = math.log(1.01)
@@ -47,7 +47,7 @@ class Durations:
     def __init__(self) -> None:
         self._counts: dict[int, int] = {}
         self._new: list[float] = []
-        """not in a bin yet: many at once take a third of the time that one by one would"""
+        """not in a bin yet: sorting in many at once takes a third of the time"""
 
     def add(self, seconds: float) -> None:
         """Count one duration, s."""
@@ -67,7 +67,7 @@ class Durations:
         return sum(self.counts.values())
 
     def quantile_s(self, share: float) -> float:
-        """The duration, s, that a `share` (0 ... 1) of all do not exceed; 0.0 if there are none."""
+        """Return the duration, s, that a `share` (0 ... 1) of all do not exceed; 0.0 for none."""
         counts = self.counts
         wanted = max(1, math.ceil(share * self.total - 1e-9))
         seen = 0
@@ -88,7 +88,7 @@ class Durations:
 
 
 class _Hand:
-    """What a stopwatch knows of the tick that a thread is in."""
+    """The state of a stop watch in one thread: the tick and its last lap."""
 
     __slots__ = ("last_s", "tick")
 
@@ -98,7 +98,7 @@ class _Hand:
 
 
 class _Hands(threading.local):
-    """Each thread's own; asked for once a lap, since every look takes its time."""
+    """Each thread's own state; read once a lap, since each access takes its time."""
 
     def __init__(self) -> None:
         self.own = _Hand()
@@ -108,8 +108,8 @@ class StopWatch:
     """Per-stage, per-tick times. It is the Meter that the emulator laps.
 
     begin_tick, any number of laps (a stage may be lapped more than once a tick), end_tick.
-    Time between end_tick and begin_tick belongs to nobody. Each thread has a hand of its own; a
-    stage belongs to one thread.
+    Time between end_tick and begin_tick belongs to no stage. Each thread has its own state; a stage
+    belongs to one thread.
     """
 
     def __init__(self, clock: Callable[[], float] = monotonic_s) -> None:
@@ -136,7 +136,7 @@ class StopWatch:
         return self._hands.own.tick.get(stage, 0.0)
 
     def skip(self) -> None:
-        """The time since the previous lap belongs to nobody (waiting for the pace)."""
+        """The time since the previous lap belongs to no stage (waiting for the pace)."""
         self._hands.own.last_s = self._clock()
 
     def end_tick(self) -> None:
@@ -149,7 +149,7 @@ class StopWatch:
         hand.tick = {}
 
     def stage_ms(self, stages: Iterable[str] = ()) -> dict[str, StageTime]:
-        """Median and 99th percentile, ms per tick: `stages` in their order, then all others."""
+        """Return median and 99th percentile, ms per tick: `stages` in order, then all others."""
         names = dict.fromkeys([*stages, *self._stages])
         nothing = Durations()
         return {
@@ -162,22 +162,22 @@ class StopWatch:
 
 
 CATCH_UP_S = 0.1
-"""How much lateness is caught up with if nothing else is said: a hiccup, not an overload."""
+"""Default of the lateness that the next ticks make up for, s: a hiccup, not an overload."""
 
 
 _CLOCK_STEP_S = 1e-3
-"""A clock that goes back by less is as coarse as some are, and is simply waited for."""
+"""A clock that goes back by less is only coarse: the pacer waits for it."""
 
 
 class Pacer:
     """Holds simulated time back to `speed` times the wall clock; 0 holds nothing back.
 
-    A tick that is late by up to `catch_up_s` is not waited for and the next ones catch up, so that
-    the mean speed holds. What is beyond that is given up: simulated time slips behind the wall
-    clock, once and for all, and nobody races after it. It slows, and no tick is left out.
+    After a tick that is late by up to `catch_up_s` the next ticks do not wait, so that the mean
+    speed holds. Lateness beyond that is given up: simulated time slips behind the wall clock for
+    good. The run slows down; no tick is left out.
 
-    A clock that goes back, which none should, is not waited for: no wait is longer than the ticks
-    since the last one.
+    The pacer does not wait for a clock that goes back, which none should: no wait is longer than
+    the ticks since the last one.
     """
 
     def __init__(
@@ -214,14 +214,14 @@ class Pacer:
         self._last_us = 0
 
     def now_s(self) -> float:
-        """Its clock."""
+        """Return the time of its clock, s."""
         return self._clock()
 
     def start(self, t_us: int) -> None:
-        """Simulated time t_us is now.
+        """Set simulated time t_us to now.
 
-        What the first tick takes too long is no lateness but preparation (light is traced for the
-        first time): then time begins when it is over.
+        If the first tick takes too long, that is preparation (light is traced for the first time)
+        and no lateness: time then begins at its end.
         """
         self._start_s, self._start_us, self._started = self._clock(), t_us, True
         self._last_us, self._waited = t_us, False
@@ -256,7 +256,7 @@ class Pacer:
         self._sleep(early_s)
 
     def report(self) -> dict[str, Any]:
-        """For the run report: how it was held; nothing where it holds nothing back."""
+        """Return how the pace was held, for the run report; empty where nothing was held back."""
         if self.speed == 0:
             return {}
         late_ms = {

@@ -1,4 +1,4 @@
-"""How many processor cores there are to use."""
+"""The number of processor cores that this process may use."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 
 
 def cores() -> int:
-    """How many this process may use; where the system does not say, all of the machine's."""
+    """Return how many cores this process may use; all of the machine's if that is unknown."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -56,7 +56,7 @@ class Sink(ABC):
 
     @property
     def stop_wanted(self) -> bool:
-        """Whether somebody asked for the end of the run through this sink: it ends after a tick."""
+        """Whether a client of this sink requested the end of the run; it ends after a tick."""
         return False
 
     def prepare(self) -> None:

@@ -1,4 +1,4 @@
-"""Messages of all topics but events: counted, and kept until the next event packet is returned."""
+"""Messages of all topics but events: counted, and held until the next event packet."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _WITH_RAW: dict[str, Callable[[bytes, bytes], Frame | ImuPacket | Truth]] = {
 """topic -> decoder of messages of three parts"""
 
 _MOST_COMING = 10_000
-"""Messages kept between two packets of events; each tick has one of these."""
+"""Messages held between two packets of events; each tick has one of these."""
 _MOST_COMING_BYTES = 512 * 1024 * 1024
 """Their raw frames; a publisher that sends no events may not fill our memory."""
 
@@ -114,5 +114,5 @@ class AuxiliaryMessages:
 
 
 def of_kind(messages: list[Counted], kind: type[M]) -> tuple[M, ...]:
-    """Return those of one kind, in their order."""
+    """Return the messages of one kind, in their order."""
     return tuple(one for one in messages if isinstance(one, kind))

@@ -1,4 +1,4 @@
-"""Memory that large frames are sent from, used again: fresh pages would cost more than the copy."""
+"""Reused memory that large frames are sent from: fresh pages would cost more than the copy."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ import numpy as np
 import zmq
 
 LEAST_BYTES = 512 * 1024
-"""ZeroMQ's own copy of a shorter frame is quicker than lending it memory."""
+"""ZeroMQ copies shorter frames itself, which is faster than lending it memory."""
 
 MOST_BYTES = 64 * 1024 * 1024
-"""Kept at most; what waits for slow subscribers beyond it is ZeroMQ's own copy."""
+"""Most memory; ZeroMQ itself copies what waits for slow subscribers beyond it."""
 
 
 class Buffers:
-    """Copies of frames, in memory that is taken back once nobody waits for the frame."""
+    """Copies frames into memory that is used again once no subscriber waits for the frame."""
 
     def __init__(self) -> None:
         self.bytes = 0
-        """memory kept"""
+        """memory in use"""
         self._lent: list[tuple[memoryview, zmq.MessageTracker]] = []
 
     def copied(self, raw: memoryview) -> memoryview | zmq.Frame:
-        """What to send so that `raw`, of format B, may change afterwards."""
+        """Return what to send so that `raw`, of format B, may change afterwards."""
         if raw.nbytes < LEAST_BYTES:
             return raw
         memory = self._free(raw.nbytes)
@@ -30,12 +30,12 @@ class Buffers:
         memory[: raw.nbytes] = raw
         frame = zmq.Frame(memory[: raw.nbytes], copy=False, track=True)
         assert frame.tracker is not None
-        # not the frame: its memory is free once nobody has it any more, and we are somebody
+        # the tracker, not the frame: a reference to the frame would keep its memory in use
         self._lent.append((memory, frame.tracker))
         return frame
 
     def _free(self, size: int) -> memoryview | None:
-        """Memory of at least `size` bytes that nobody has; None: so much may not be kept."""
+        """Return free memory of at least `size` bytes; None if MOST_BYTES are in use."""
         for place, (memory, tracker) in enumerate(self._lent):
             if tracker.done:
                 del self._lent[place]

@@ -1,4 +1,4 @@
-"""What a publisher keeps of each camera: its topics, who listens to them, its totals."""
+"""The state of a publisher for each camera: topics, subscribers, totals."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Channel:
     imu: ImuPacket | None = None
 
     def status(self, cameras: tuple[str, ...], *, end: bool) -> Status:
-        """Its totals now."""
+        """Return its totals now."""
         stream = self.stream
         return Status(
             camera=stream.camera,
@@ -71,7 +71,7 @@ class Channel:
         )
 
     def state(self, *, end: bool) -> CameraState:
-        """The newest of it."""
+        """Return its newest state."""
         sample = None if self.imu is None or not len(self.imu) else self.imu.samples[-1]
         return CameraState(
             camera=self.stream.camera,
@@ -87,7 +87,7 @@ class Channel:
 
 
 class Audience:
-    """Who listens to what. Fed with the requests of subscribers."""
+    """Counts the subscribers of each topic, from their requests."""
 
     def __init__(self, channels: dict[str, Channel]) -> None:
         self.channels = channels
@@ -97,7 +97,7 @@ class Audience:
         """Of the clock."""
 
     def take(self, request: bytes) -> None:
-        """A request is one byte, 1 or 0, and a prefix of topics; others mean nothing."""
+        """Read a request: one byte, 1 or 0, and a prefix of topics; others are ignored."""
         if request[:1] not in (b"\x00", b"\x01"):
             return
         change = 1 if request[0] else -1
@@ -114,7 +114,7 @@ class Audience:
 
     @property
     def anybody(self) -> bool:
-        """Whether somebody listens to anything of a camera."""
+        """Whether any topic of a camera has a subscriber."""
         return any(any(one.listeners.values()) for one in self.channels.values())
 
     @property
@@ -123,11 +123,11 @@ class Audience:
         return tuple(self.channels)
 
     def statuses(self, *, end: bool) -> list[Status]:
-        """Of every camera."""
+        """Return the status of every camera."""
         return [one.status(self.cameras, end=end) for one in self.channels.values()]
 
     def state(self, *, end: bool) -> State:
-        """The newest of everything."""
+        """Return the newest state of all cameras."""
         channels = self.channels.values()
         return State(
             max(one.time_end_us for one in channels), tuple(one.state(end=end) for one in channels)
@@ -135,7 +135,7 @@ class Audience:
 
 
 def make_channels(streams: Sequence[StreamInfo]) -> dict[str, Channel]:
-    """A channel for each stream, by name. Raises EvsError for what no message could say of them."""
+    """Return a channel for each stream, by name. EvsError for values that no message can hold."""
     if not 1 <= len(streams) <= MAX_CAMERAS:
         raise EvsError(f"{len(streams)} cameras on one bus: give 1 ... {MAX_CAMERAS}")
     channels: dict[str, Channel] = {}
@@ -145,7 +145,7 @@ def make_channels(streams: Sequence[StreamInfo]) -> dict[str, Channel]:
             raise EvsError(f"two cameras are named '{stream.camera}': give each its own name")
         topics = {topic: topic.of(stream.camera) for topic in TOPICS if topic.per_camera}
         channel = Channel(stream, topics, camera_info_of(stream))
-        # so that a status tells from the start what the camera has
+        # so that a status lists from the start what the camera has
         channel.last |= {FRAMES.name: -1} if stream.frames else {}
         channel.last |= {IMU.name: -1} if stream.imu else {}
         channels[stream.camera] = channel

@@ -1,7 +1,7 @@
-"""Requests and answers between processes: the two ends of lock-step, without what is said there.
+"""Requests and answers between processes: the two ends of lock-step, without its messages.
 
 The server is a ROUTER with any number of clients (REQ ones, too), a client a DEALER. Both notice a
-connection that closes; one that comes back within RETURN_S was never away.
+connection that closes; one that comes back within RETURN_S does not count as closed.
 """
 
 from __future__ import annotations
@@ -27,24 +27,33 @@ from evs.drivers.clock import monotonic_s
 from evs.msgs import EvsError
 
 RETURN_S = 1.0
-"""How long a connection that closed may take to come back before its other end counts as gone."""
+"""How long a closed connection may take to come back before its other end counts as gone, s."""
 
 _SLICE_MS = 50
-"""Longest time in which nothing but messages is looked at: gates, closed connections, signals."""
+"""Longest time between two checks of handshakes, closed connections and signals."""
 _MOST_PARTS = 2
 """Frames of a request: header and body."""
 _ANSWERS = 64
-"""Answers held for a client that does not take them."""
+"""Answers held for a client that does not read them."""
 
 Peer = tuple[bytes, ...]
 """Where a request came from and its answer goes to: identity, and REQ's empty frame."""
 
 
 class ServerEnd:
-    """Takes requests and answers them. One thread uses it."""
+    """Receives requests and sends answers. One thread uses it."""
 
     def __init__(self, address: str, keys: ServerKeys, largest: int) -> None:
-        """Bind. In: address, checked; largest, bytes of a frame. EvsError where it cannot be."""
+        """Bind.
+
+        Args:
+            address: Checked by `bindable`.
+            keys: Of the server.
+            largest: Bytes of a frame.
+
+        Raises:
+            EvsError: The address cannot be bound.
+        """
         self._context = Context()
         self._authenticator = (
             None if keys.own is None else ZapAuthenticator(self._context, keys.allowed)
@@ -63,7 +72,7 @@ class ServerEnd:
         server.set(zmq.MAXMSGSIZE, largest)
         server.set(zmq.SNDHWM, _ANSWERS)
         server.set(zmq.RCVTIMEO, _SLICE_MS)
-        # who comes back under his name gets what is sent to it
+        # a client that comes back under its name gets what is sent to it
         server.set(zmq.ROUTER_HANDOVER, 1)
         serve_anybody(server)
         if keys.own is not None:
@@ -82,9 +91,9 @@ class ServerEnd:
         self.address = bytes(server.get(zmq.LAST_ENDPOINT)).rstrip(b"\0").decode()
 
     def receive(self) -> tuple[Peer, list[Any]] | None:
-        """The next request's sender and frames; None if none came for a moment.
+        """Return the next request's sender and frames; None if none came for a moment.
 
-        Of a request with more frames than two, one too many is kept: enough to refuse it.
+        Of a request with more frames than two, one too many is returned: enough to refuse it.
         """
         now_s = monotonic_s()
         if now_s - self._looked_s > 1e-3 * _SLICE_MS:
@@ -99,7 +108,7 @@ class ServerEnd:
         peer: Peer = (identity,)
         is_known = identity in self._links and identity not in self._away
         if not is_known:
-            # the place of one that closed may be its place now: first hear of that
+            # its connection may have the number of one that closed: learn of that first
             self._look(now_s)
         while self._socket.get(zmq.RCVMORE):
             frame: Any
@@ -117,15 +126,15 @@ class ServerEnd:
         return peer, parts
 
     def is_waiting(self) -> bool:
-        """Whether a request can be taken now."""
+        """Return whether a request can be read now."""
         return readable(self._socket)
 
     def answer(self, peer: Peer, parts: list[Any]) -> None:
-        """Send an answer; to one who has gone, or does not read, it is dropped."""
+        """Send an answer; it is dropped if the client has gone, or does not read."""
         self._socket.send_multipart([*peer, *parts], zmq.NOBLOCK)
 
     def gone(self) -> list[bytes]:
-        """Identities whose connection closed and did not come back; each is told once."""
+        """Return identities whose connection closed and did not come back, each once."""
         if not self._away:
             return []
         now_s = monotonic_s()
@@ -135,12 +144,12 @@ class ServerEnd:
         return found
 
     def forget(self, identity: bytes) -> None:
-        """It has said good-bye."""
+        """Forget a client that has left."""
         self._away.pop(identity, None)
         self._links.pop(identity, None)
 
     def close(self) -> None:
-        """Release the port. What was answered last still travels for a moment."""
+        """Release the port. The last answers are still sent, for a moment."""
         if self._monitor is not None:
             self._socket.disable_monitor()
             self._monitor.close(linger=0)
@@ -164,10 +173,17 @@ class ServerEnd:
 
 
 class ClientEnd:
-    """Asks, and waits for the answer. One thread uses it."""
+    """Sends requests and receives answers. One thread uses it."""
 
     def __init__(self, address: str, server_public: str, keys: Keys | None, largest: int) -> None:
-        """In: address, checked; server_public, keys: of CURVE, or empty and None."""
+        """Connect.
+
+        Args:
+            address: Checked by `connectable`.
+            server_public: The server's public key; empty: no encryption.
+            keys: Of this client; None: new ones.
+            largest: Bytes of a frame.
+        """
         self._context = Context()
         self._socket: Socket = self._context.socket(zmq.DEALER)
         client = self._socket
@@ -186,11 +202,11 @@ class ClientEnd:
 
     @property
     def refused(self) -> bool:
-        """Whether the other end does not let us in."""
+        """Whether the server refuses us."""
         return self._handshakes.refused
 
     def ask(self, parts: list[Any]) -> bool:
-        """Send a request; whether it could be handed over."""
+        """Send a request; return whether it could be queued."""
         try:
             self._socket.send_multipart(parts)
         except zmq.Again:
@@ -198,7 +214,7 @@ class ClientEnd:
         return True
 
     def receive(self) -> list[Any] | None:
-        """The frames of the next message; None if none came for a moment."""
+        """Return the frames of the next message; None if none came for a moment."""
         try:
             return self._socket.recv_multipart()
         except zmq.Again:
@@ -212,7 +228,7 @@ class ClientEnd:
         return since_s is not None and monotonic_s() - since_s >= RETURN_S
 
     def close(self, linger_s: float = 0.0) -> None:
-        """Stop. What was asked last still travels for so long."""
+        """Disconnect. The last request is still sent, for `linger_s`."""
         self._handshakes.close()
         self._socket.close(linger=int(1000 * linger_s))
         self._context.term()

@@ -1,4 +1,4 @@
-"""The newest state of a bus, on a port of its own: who reads slowly still reads the newest.
+"""The newest state of a bus, on a port of its own: slow clients read the newest state, too.
 
 ZeroMQ's CONFLATE keeps one message a connection, the newest, at both ends.
 """
@@ -30,7 +30,7 @@ class Watchers:
         self.socket: Socket = server.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED | gone)
 
     def update(self) -> int:
-        """Return how many there are now."""
+        """Return how many clients there are now."""
         while readable(self.socket):
             event = recv_monitor_message(self.socket, zmq.NOBLOCK)["event"]
             came = event == zmq.EVENT_HANDSHAKE_SUCCEEDED
@@ -44,7 +44,7 @@ class Watchers:
 
 
 def conflated(context: Context) -> Socket:
-    """A PUB socket, not yet bound, that keeps the newest message for each client."""
+    """Return a PUB socket, not yet bound, that keeps the newest message for each client."""
     server: Socket = context.socket(zmq.PUB)
     server.set(zmq.CONFLATE, 1)
     server.set(zmq.SNDBUF, _KERNEL_BYTES)
@@ -55,7 +55,7 @@ def conflated(context: Context) -> Socket:
 class Latest(Listener):
     """The newest state of the bus whose port for it is at tcp://HOST:PORT. Close it, or use `with`.
 
-    `discover` tells the address. Keys are those of `subscribe`. One thread uses it.
+    `discover` returns the address. Keys are those of `subscribe`. One thread uses it.
     """
 
     def __init__(self, address: str, *, server_key: str = "", key: str = "") -> None:
@@ -66,9 +66,16 @@ class Latest(Listener):
         self._client = self._listen([STATE_PREFIX], MAX_STATE_BYTES + len(STATE_PREFIX), newest)
 
     def get(self, timeout_s: float | None = 0.0) -> State | None:
-        """The newest state that came since the last call; None if none comes in `timeout_s`.
+        """Return the newest state since the last call.
 
-        None waits for ever. Raises EvsError where the publisher does not let us in.
+        Args:
+            timeout_s: How long to wait for one, s; None: for ever.
+
+        Returns:
+            The state; None if none came.
+
+        Raises:
+            EvsError: The publisher refuses us.
         """
         deadline_s = math.inf if timeout_s is None else monotonic_s() + timeout_s
         while self._context is not None:

@@ -1,4 +1,4 @@
-"""Listener: what everything that listens to a publisher has: keys, sockets, waiting, and an end."""
+"""Listener, the base of all clients of a publisher: keys, sockets, waiting, closing."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Listener:
     """One or more connections to a publisher. One thread uses it; close it, or use `with`."""
 
     def __init__(self, address: str, server_key: str, key: str) -> None:
-        """In: as `subscribe`'s. EvsError: a bad address or key."""
+        """Check the arguments, as of `subscribe`. Raises EvsError for a bad address or key."""
         if key and not server_key:
             raise EvsError("key needs server_key: give the publisher's public key")
         self._server_key = read_public(server_key, "server_key") if server_key else ""
@@ -35,20 +35,20 @@ class Listener:
         # the system's own, with a socket's descriptor: it takes far less than ZeroMQ's
         self._poller = select.poll()
         self._stirred: set[Socket] = set()
-        """with news since nothing was left in them; a descriptor tells of each only once"""
+        """sockets with news since they were last empty; a descriptor reports each only once"""
         self._sockets: dict[int, Socket] = {}
         """of each descriptor"""
 
     @property
     def connected(self) -> bool:
-        """Whether the publisher is there, as was last seen while waiting.
+        """Whether the publisher was there at the last wait.
 
         A publisher that ends is noticed at once, a link that is cut after half a minute.
         """
         return self._handshakes is not None and self._handshakes.connected
 
     def close(self) -> None:
-        """Stop listening. Safe to call twice."""
+        """Close all connections. Safe to call twice."""
         if self._context is not None:
             if self._handshakes is not None:
                 self._handshakes.close()
@@ -69,10 +69,12 @@ class Listener:
         self.close()
 
     def _listen(self, topics: Iterable[bytes], largest: int, options: dict[int, int]) -> Socket:
-        """Another connection; whether the publisher lets us in is seen by the first.
+        """Open another connection; the first one shows whether the publisher accepts us.
 
-        In: largest, bytes of a message: a stranger at that address may not make us hold whatever
-        he likes; options, of the socket.
+        Args:
+            topics: To subscribe to.
+            largest: Bytes of a message, so that a stranger at that address cannot fill our memory.
+            options: Of the socket.
         """
         assert self._context is not None
         client = self._context.socket(zmq.SUB)
@@ -100,7 +102,7 @@ class Listener:
         self._stirred.add(socket)
 
     def _has_news(self, socket: Socket) -> bool:
-        """Whether a message can be taken from it, as far as the last `_poll` knows."""
+        """Return whether a message can be read, as far as the last `_poll` knows."""
         if socket not in self._stirred:
             return False
         if readable(socket):
@@ -109,9 +111,9 @@ class Listener:
         return False
 
     def _poll(self, until_s: float) -> None:
-        """Wait for a message, at most until then. EvsError where the publisher refuses us.
+        """Wait for a message until `until_s`. Raises EvsError where the publisher refuses us.
 
-        Every connection was asked for a message before and had none, or has not stirred since.
+        Every connection was read until it was empty before, or has had no news since.
         """
         self._check_welcome()
         wait_ms = math.ceil(min(1000 * (until_s - monotonic_s()), _LONGEST_POLL_MS))
@@ -120,7 +122,7 @@ class Listener:
         self._check_welcome()
 
     def _check_welcome(self) -> None:
-        """EvsError where the publisher does not let us in."""
+        """Raise EvsError if the publisher refuses us."""
         if self._handshakes is None:
             return
         if self._handshakes.socket in self._stirred:

@@ -1,8 +1,8 @@
-"""What a subscriber missed of one camera's stream, counted exactly. No socket in it.
+"""Exact counts of what a subscriber lost of one camera's stream, from the messages alone.
 
 Messages of one connection arrive in order, and a full queue loses the newest ones. So a gap in seq
-is a loss, and a status whose seq was never reached is one too. What was sent before the first
-message arrived is not: the subscriber was not there. A seq or a time that goes back is a new run.
+is a loss, and so is a seq of a status that was never reached. Messages sent before the first one
+arrived are no loss: the subscriber was not there. A seq or a time that goes back is a new run.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Tally:
     """An end status that came by another connection, so packets sent before it may still follow."""
 
     def on_packet(self, packet: EventPacket) -> None:
-        """A packet arrived on the packets' own connection."""
+        """Count a packet, which arrived on the main connection."""
         if self._goes_back(packet.seq, packet.time_base_us):
             self._new_run()
         if self.next_seq is not None:
@@ -44,7 +44,7 @@ class Tally:
         self.events += len(packet.events)
 
     def on_status(self, status: Status) -> None:
-        """A status arrived among the packets: what was sent before it is here or lost."""
+        """Count a status among the packets: what was sent before it has arrived or is lost."""
         if self._goes_back(status.seq + 1, status.time_end_us):
             self._new_run()
         if self.next_seq is not None:
@@ -53,20 +53,21 @@ class Tally:
         self.ended = status.end
 
     def on_side_status(self, status: Status) -> None:
-        """A status arrived on a connection of its own, perhaps ahead of packets sent before it."""
+        """Note a status of the side connection, which may be ahead of packets sent before it."""
         if status.end and not self.ended:
             self.promised_end = status
 
     @property
     def complete(self) -> bool:
-        """Everything that was sent has arrived, or is known to be lost."""
+        """Whether everything that was sent has arrived, or is known to be lost."""
         promised = self.promised_end
         return self.ended or (promised is not None and promised.seq + 1 == self.next_seq)
 
     def settle(self) -> Status | None:
-        """No more packets will come of a run that has ended: what is missing is lost.
+        """Count missing packets of a run that has ended as lost: no more will come.
 
-        Out: the end status that this was learnt from, None if the end is known already.
+        Returns:
+            The end status that says so; None if the end is known already.
         """
         promised, self.promised_end = self.promised_end, None
         if promised is None or self.ended:
@@ -78,7 +79,7 @@ class Tally:
         return self.next_seq is not None and (seq < self.next_seq or time_us < self.time_us)
 
     def _new_run(self) -> None:
-        """Close the old run's account; what the new one sent before this message is not missed."""
+        """Begin a new run; what it sent before this message is no loss."""
         promised, self.promised_end = self.promised_end, None
         if promised is not None and not self.ended and self.next_seq is not None:
             self.lost += max(0, promised.seq + 1 - self.next_seq)
@@ -89,7 +90,7 @@ class Tally:
 
 @dataclass
 class Gaps:
-    """What was missed of one camera's messages of another topic, by gaps in seq and statuses."""
+    """Losses of one camera's messages of another topic, from gaps in seq and from statuses."""
 
     count: int = 0
     """Messages received."""
@@ -99,13 +100,13 @@ class Gaps:
     """The next message's seq if nothing is lost; None before the first."""
 
     def on_last(self, seq: int) -> None:
-        """A status says which was the last: what was sent before it is here or lost."""
+        """Count the seq that a status gives as the last: what was sent until it came or is lost."""
         if self.next_seq is not None and seq >= self.next_seq:
             self.lost += seq + 1 - self.next_seq
             self.next_seq = seq + 1
 
     def on_message(self, seq: int) -> None:
-        """One arrived; a seq that goes back is a new run."""
+        """Count a message; a seq that goes back is a new run."""
         if self.next_seq is not None and seq > self.next_seq:
             self.lost += seq - self.next_seq
         self.next_seq = seq + 1

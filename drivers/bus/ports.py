@@ -1,4 +1,4 @@
-"""The sockets of a publisher: one context, the gate before them, the ports beside the packets'."""
+"""The sockets of a publisher: one context, its authenticator, the control and the state port."""
 
 from __future__ import annotations
 
@@ -28,24 +28,31 @@ _ANSWERS = 16
 
 @dataclass(frozen=True)
 class ServerKeys:
-    """A publisher's own pair, and who may come in; none: it has no keys."""
+    """A publisher's own keys and those of the allowed clients; none: it has no keys."""
 
     own: Keys | None = None
     allowed: frozenset[str] = frozenset()
 
     @classmethod
     def read(cls, key: str, allow: Sequence[str]) -> ServerKeys:
-        """From the files. Raises EvsError for what is no key."""
+        """Read the keys from files. Raises EvsError for a bad key."""
         if allow and not key:
             raise EvsError("allow needs key: give the publisher's own secret key")
         return cls(read_secret(key) if key else None, read_allowed(allow))
 
 
 class Ports:
-    """Everything of a publisher's sockets but what it says on the first of them."""
+    """All sockets of a publisher; what is sent on the first of them is the publisher's."""
 
     def __init__(self, keys: ServerKeys, control: str, latest: str, open_to_others: bool) -> None:
-        """In: control, latest: addresses; empty: none, and for latest any free one of control's."""
+        """Check the addresses; nothing is bound yet.
+
+        Args:
+            keys: Of the publisher.
+            control: Address of the control port; empty: none.
+            latest: Address of the newest state; empty: any free port beside the control port.
+            open_to_others: Whether other machines may connect.
+        """
         self.control_address = bindable(control, open_to_others) if control else ""
         if control and not latest:
             control = self.control_address
@@ -67,7 +74,7 @@ class Ports:
 
     @property
     def watched(self) -> bool:
-        """Whether somebody looks at the newest state."""
+        """Whether a client watches the newest state."""
         return self._watchers is not None and self._watchers.count > 0
 
     @property
@@ -78,7 +85,7 @@ class Ports:
         return {"control": self.control_address, "latest": self.latest_address, **self._counts}
 
     def make(self, kind: int, address: str) -> Socket:
-        """A socket of the context, not yet bound, behind the gate where there are keys."""
+        """Return a new socket that is not bound, with authentication where there are keys."""
         if self._context is None:
             self._context = Context()
             if self._keys.own is not None:
@@ -93,7 +100,7 @@ class Ports:
         return made
 
     def bind(self, server: Socket, address: str) -> str:
-        """Bind it, and listen to it in `poll`; the address with the real port."""
+        """Bind a socket, which `poll` waits for; return the address with the real port."""
         check_unused(address)
         try:
             server.bind(address)
@@ -105,7 +112,12 @@ class Ports:
         return bytes(server.get(zmq.LAST_ENDPOINT)).rstrip(b"\0").decode()
 
     def open(self, audience: Audience, address: str) -> None:
-        """Open the ports that are wanted. In: address, where the packets are."""
+        """Open the configured ports.
+
+        Args:
+            audience: Cameras and subscribers of the publisher.
+            address: Where the packets are published.
+        """
         self._audience, self._address, self.stop_wanted = audience, address, False
         if self.latest_address:
             self._latest = self.make(zmq.PUB, self.latest_address)
@@ -125,7 +137,7 @@ class Ports:
             self._control = Control(server, requests)
 
     def poll_requests(self) -> None:
-        """Answer whoever asks, without waiting."""
+        """Answer the requests that wait."""
         if self._authenticator is not None:
             self._authenticator.poll()
         if self._watchers is not None:
@@ -135,11 +147,11 @@ class Ports:
             self._counts["requests_answered"] = self._control.answered
 
     def poll(self, wait_ms: int) -> None:
-        """Wait until somebody says something, `wait_ms` at most."""
+        """Wait for a request or a subscription, `wait_ms` at most."""
         self._poller.poll(wait_ms)
 
     def publish_state(self, *, end: bool = False) -> None:
-        """The newest of everything to those who look at it."""
+        """Send the newest state to the clients that watch it."""
         if self._latest is not None and self.watched:
             self._latest.send(encode_state(self._audience.state(end=end)), zmq.NOBLOCK)
             self._counts["states_sent"] += 1
@@ -203,7 +215,7 @@ def _plain(value: Any) -> Any:
 
 
 def bind_error(address: str, reason: zmq.ZMQError) -> EvsError:
-    """Why an address could not be bound, and what to do."""
+    """Return the error that says why an address could not be bound, and what to do."""
     if reason.errno == errno.EADDRINUSE:
         port = address.rpartition(":")[2]
         return EvsError(

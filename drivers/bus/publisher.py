@@ -59,7 +59,7 @@ _REPEAT_MS = 20
 _REQUEST_BYTES = 4096
 """Longest subscription taken from a client."""
 _MOST_REQUESTS = 1000
-"""Subscriptions taken in before a packet leaves: who sends them without end stops no camera."""
+"""Subscriptions read before a packet leaves: an endless stream of them does not stop the camera."""
 
 
 class Publisher(Sink):
@@ -159,7 +159,7 @@ class Publisher(Sink):
 
     @property
     def stop_wanted(self) -> bool:
-        """Whether a client of the control port asked for the end."""
+        """Whether a client of the control port requested the end."""
         return self._ports.stop_wanted
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
@@ -306,7 +306,7 @@ class Publisher(Sink):
             self._read_requests(server)
 
     def _read_requests(self, server: Socket) -> None:
-        """Read who came and who left, and the requests at the other ports."""
+        """Read new and ended subscriptions, and the requests at the other ports."""
         self._ports.poll_requests()
         for _ in range(_MOST_REQUESTS):
             if not readable(server):

@@ -26,7 +26,7 @@ class Rate:
 
 
 class Rates:
-    """Counts packets and tells their rates once a period."""
+    """Counts packets and gives their rates once a period."""
 
     def __init__(self, period_s: float = 1.0, clock: Callable[[], float] = monotonic_s) -> None:
         self._period_s, self._clock = period_s, clock
@@ -52,7 +52,7 @@ class Rates:
         return self._begin_s + self._period_s - self._clock()
 
     def take(self) -> Rate:
-        """The rates since the last call; a new period begins."""
+        """Return the rates since the last call; a new period begins."""
         now_s = self._clock()
         elapsed_s = max(now_s - self._begin_s, 1e-9)
         shortest_s, longest_s = self._gaps_s or (math.nan, math.nan)

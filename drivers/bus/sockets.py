@@ -17,9 +17,9 @@ Socket = zmq.Socket[bytes]
 Context = zmq.Context[Socket]
 
 PATIENCE_S = 30
-"""How long the other end's system may give no sign of life, or take nothing of what waits for it.
+"""How long the other end may be silent, or may accept none of the data that wait for it, s.
 
-A slow link with much on it takes its time.
+A slow link with much traffic takes its time.
 """
 CONNECT_MS = 5000
 """How long one attempt to connect may take: the system's own pauses grow to a minute."""
@@ -27,11 +27,11 @@ _MOST_PARTS = 3
 """topic, header, raw frame"""
 _COPIED_BYTES = 64 * 1024
 """A shorter frame is copied faster than its memory is lent."""
-# plain integers: to combine flags of an enumeration takes longer than to send a message
+# plain integers: combining flags of an enumeration takes longer than sending a message
 _READABLE = int(zmq.POLLIN)
 _AT_ONCE = int(zmq.NOBLOCK)
 _AND_MORE = int(zmq.NOBLOCK | zmq.SNDMORE)
-# what is around it only takes arguments that we never give
+# the method around it only handles arguments that we never pass
 _send = _Core.send
 _TORN = zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
 _REFUSED = zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_AUTH
@@ -40,19 +40,19 @@ _MOST_TORN = 3
 
 
 def notice_death(socket: Socket) -> None:
-    """Notice a link that is cut, which TCP alone would take for a silent one; before it connects.
+    """Detect a link that is cut, which TCP alone takes for a silent one; before it connects.
 
-    A client connects again, a publisher frees what it held for a client. The system asks, not
-    ZeroMQ: libzmq to 4.3.5 at least ends the process when a heartbeat is due on a connection that
+    A client connects again, a publisher frees what it held for a client. The probes are TCP's, not
+    ZeroMQ's: libzmq to 4.3.5 at least ends the process when a heartbeat is due on a connection that
     has failed while the queue behind it was full.
     """
     pause_s = PATIENCE_S // 6
     socket.set(zmq.TCP_KEEPALIVE, 1)
-    # nothing to send: it asks after two pauses, then four times
+    # nothing to send: the first probe after two pauses, then four more
     socket.set(zmq.TCP_KEEPALIVE_IDLE, 2 * pause_s)
     socket.set(zmq.TCP_KEEPALIVE_INTVL, pause_s)
     socket.set(zmq.TCP_KEEPALIVE_CNT, 4)
-    # something to send, and nobody takes it
+    # something to send, which the other end does not accept
     socket.set(zmq.TCP_MAXRT, 1000 * PATIENCE_S)
     socket.set(zmq.CONNECT_TIMEOUT, CONNECT_MS)
 
@@ -68,12 +68,12 @@ def serve_anybody(socket: Socket) -> None:
 
 
 def readable(socket: Socket) -> bool:
-    """Whether a message can be taken now. To get it as an option goes by way of enumerations."""
+    """Return whether a message can be read now. The option of the socket is slower."""
     return bool(zmq_poll([(socket, _READABLE)], 0))
 
 
 def send_parts(socket: Socket, parts: Sequence[bytes | memoryview | zmq.Frame]) -> None:
-    """Send a message without waiting: whose queue is full does not get it."""
+    """Send a message without waiting: a client with a full queue does not get it."""
     *first, last = parts
     for part in first:
         _send(socket, part, _AND_MORE)
@@ -81,14 +81,14 @@ def send_parts(socket: Socket, parts: Sequence[bytes | memoryview | zmq.Frame]) 
 
 
 def receive_parts(socket: Socket) -> list[Any]:
-    """The parts of a message that is there: bytes; a long third one is a memoryview, not copied.
+    """Receive the parts of a message that is there: bytes; a long third one as a memoryview.
 
-    Of a message of more parts than any of ours has, one too many is kept: enough to refuse it.
+    Of a message with more parts than any of ours, one too many is returned: enough to refuse it.
     """
     parts: list[Any] = []
     more = True
     while more:
-        # a frame knows whether it is the last; to ask the socket takes longer than to copy it
+        # a frame knows whether it is the last; the socket's option takes longer than the copy
         frame = socket.recv(_AT_ONCE, copy=False)
         more = frame.more
         if len(parts) <= _MOST_PARTS:
@@ -98,13 +98,13 @@ def receive_parts(socket: Socket) -> list[Any]:
 
 
 class Handshakes:
-    """How a client's connections go: whether somebody is there, and lets it in."""
+    """Follows a client's connections: whether a server is there, and accepts it."""
 
     def __init__(self, client: Socket) -> None:
         self.refused = False
-        """The other end does not talk to us."""
+        """Whether the other end refuses this client."""
         self.connected = False
-        """It does, at the last look; a cut link is noticed after PATIENCE_S."""
+        """Whether it did at the last update; a cut link is noticed after PATIENCE_S."""
         self.closed_s: float | None = None
         """When the connection closed that there was, s; None: it is there, or never was."""
         self._torn = 0
@@ -113,7 +113,7 @@ class Handshakes:
         self.socket: Socket = client.get_monitor_socket(wanted)
 
     def update(self) -> None:
-        """Take in what happened."""
+        """Read the events since the last call."""
         while readable(self.socket):
             event = recv_monitor_message(self.socket, zmq.NOBLOCK)["event"]
             if event == zmq.EVENT_DISCONNECTED and self.connected:

@@ -144,7 +144,7 @@ class Subscription(Listener):
         self.bytes = 0
         """Bytes of the raw frames received: 16 an event, 64 an IMU sample."""
         self.tallies: dict[str, Tally] = {}
-        """The account of each camera heard of."""
+        """The counts of each camera that has sent a message."""
         self.frames: tuple[Frame, ...] = ()
         """Intensity frames that came between the last packet received and the one before."""
         self.imu: tuple[ImuPacket, ...] = ()
@@ -153,14 +153,14 @@ class Subscription(Listener):
         """Poses that came between the last packet received and the one before."""
         self.truths: tuple[Truth, ...] = ()
         """Ground truth that came between the last packet received and the one before."""
-        self._beside = AuxiliaryMessages()
+        self._auxiliary = AuxiliaryMessages()
         self._quick = quick_check()
         self._cameras: tuple[str, ...] = (camera,) if camera else ()
-        self._end_heard_s: float | None = None
+        self._end_announced_s: float | None = None
         self._ended = False
-        asked = {FRAMES: frames, IMU: imu, POSE: poses, TRUTH: truths}
-        asked |= {CAMERA_INFO: camera_info, CLOCK: clock}
-        wanted = [EVENTS, *(topic for topic, yes in asked.items() if yes), STATUS]
+        requested = {FRAMES: frames, IMU: imu, POSE: poses, TRUTH: truths}
+        requested |= {CAMERA_INFO: camera_info, CLOCK: clock}
+        wanted = [EVENTS, *(topic for topic, yes in requested.items() if yes), STATUS]
         topics = [topic.of(camera) for topic in wanted]
         # they travel in alphabetical order: once a status comes, packets are subscribed to as well
         self._main = self._listen(topics, MAX_FRAME_BYTES, {zmq.RCVHWM: queue})
@@ -178,7 +178,7 @@ class Subscription(Listener):
 
     @property
     def lost(self) -> int:
-        """Packets sent while we listened that did not arrive; exact once `ended`."""
+        """Packets that were sent meanwhile and did not arrive; exact once `ended`."""
         return sum(tally.lost for tally in self.tallies.values())
 
     @property
@@ -188,11 +188,18 @@ class Subscription(Listener):
 
     @property
     def ended(self) -> bool:
-        """The publisher said that every camera has ended, and nothing more can come."""
+        """Whether every camera has ended, and nothing more can come."""
         return self._ended
 
     def receive(self, timeout_s: float | None = None) -> EventPacket | None:
-        """The next packet; None if all has ended or none comes in `timeout_s` (None: waits)."""
+        """Wait for the next packet, `timeout_s` at most (None: for ever).
+
+        Returns:
+            The packet; None if every camera has ended, or none came in time.
+
+        Raises:
+            EvsError: The publisher refuses us.
+        """
         deadline_s = math.inf if timeout_s is None else monotonic_s() + timeout_s
         patience, waited = _LATE_SKIPS, False
         while self._context is not None and not self._is_over():
@@ -202,16 +209,16 @@ class Subscription(Listener):
                     self._hand_out()
                     return packet
             elif self._has_news(self._side):
-                # only now: on the main connection nothing is left to be taken first
+                # only now: the main connection is empty
                 self._take(receive_parts(self._side), aside=True)
             elif not waited or monotonic_s() < deadline_s:
-                # at least once: what came since the last wait is seen there
+                # at least once: only a wait sees what came since the last one
                 waited = True
                 self._wait(deadline_s)
                 continue
             else:
                 return None
-            # a late packet may follow a few statuses, but an endless flood of others is left alone
+            # a late packet may follow a few statuses, but not an endless flood of other messages
             if deadline_s < math.inf and monotonic_s() >= deadline_s:
                 patience -= 1
                 if patience == 0:
@@ -221,7 +228,7 @@ class Subscription(Listener):
         return None
 
     def _hand_out(self) -> None:
-        came = self._beside.hand_out()
+        came = self._auxiliary.hand_out()
         if not came:
             self.frames, self.imu, self.poses, self.truths = (), (), (), ()
             return
@@ -230,18 +237,18 @@ class Subscription(Listener):
 
     @property
     def gaps(self) -> dict[tuple[str, str], Gaps]:
-        """The account of the topics beside the events: (topic, camera) -> Gaps."""
-        return self._beside.gaps
+        """The counts of the topics other than events: (topic, camera) -> Gaps."""
+        return self._auxiliary.gaps
 
     @property
     def clock(self) -> Clock | None:
-        """The newest clock, if it was asked for and one has come."""
-        return self._beside.clock
+        """The newest clock, if it was requested and one has come."""
+        return self._auxiliary.clock
 
     @property
     def camera_info(self) -> dict[str, CameraInfo]:
-        """The calibration of each camera, if it was asked for and has come."""
-        return self._beside.infos
+        """The calibration of each camera, if it was requested and has come."""
+        return self._auxiliary.infos
 
     def totals(self) -> dict[str, Any]:
         """Every count as plain values."""
@@ -254,7 +261,7 @@ class Subscription(Listener):
             "lost": self.lost,
             "restarts": self.restarts,
             "bad_messages": self.bad_messages,
-            **self._beside.totals(),
+            **self._auxiliary.totals(),
             "ended": self.ended,
             "status": None if self.status is None else asdict(self.status),
         }
@@ -269,14 +276,14 @@ class Subscription(Listener):
         return packet
 
     def _wait(self, deadline_s: float) -> None:
-        """Until a message comes, the deadline, or the end of the grace after the end was heard."""
+        """Wait for a message until the deadline, or until END_GRACE_S after the announced end."""
         until_s = deadline_s
-        if self._end_heard_s is not None:
-            until_s = min(until_s, self._end_heard_s + END_GRACE_S)
+        if self._end_announced_s is not None:
+            until_s = min(until_s, self._end_announced_s + END_GRACE_S)
         self._poll(until_s)
 
     def _take(self, parts: list[Any], *, aside: bool) -> EventPacket | None:
-        """Count one message; its packet, if it is one."""
+        """Count one message; return its packet, if it is one."""
         try:
             kind, _, camera = parts[0].decode().partition("/")
             if self.camera and camera not in (self.camera, ""):
@@ -287,12 +294,12 @@ class Subscription(Listener):
                 self._tally(camera, packet.camera).on_packet(packet)
                 self.bytes += packet.events.nbytes
                 # as long as packets come, more may come
-                self._end_heard_s = None
+                self._end_announced_s = None
                 return packet
             if kind == STATUS.name and len(parts) == 2:
                 self._take_status(camera, decode_status(parts[1]), aside=aside)
                 return None
-            if not self._beside.take(kind, camera, parts):
+            if not self._auxiliary.take(kind, camera, parts):
                 raise MessageError(f"a message of {len(parts)} parts under {kind!r}")
             self.bytes += len(parts[2]) if len(parts) == _MOST_PARTS else 0
             return None
@@ -307,7 +314,7 @@ class Subscription(Listener):
             tally.on_side_status(status)
         else:
             tally.on_status(status)
-            self._beside.on_status(status)
+            self._auxiliary.on_status(status)
         self.status = status
         if not self.camera:
             self._cameras = status.cameras
@@ -332,19 +339,19 @@ class Subscription(Listener):
                 return False
             heard.append(tally)
         if not all(one.complete for one in heard):
-            # heard on the side, while packets may still be under way: give them time
+            # the side connection announced it, and packets may still come: wait for them
             now_s = monotonic_s()
-            if self._end_heard_s is None:
-                self._end_heard_s = now_s
+            if self._end_announced_s is None:
+                self._end_announced_s = now_s
             if readable(self._main):
                 self._stirred.add(self._main)
                 return False
-            if now_s < self._end_heard_s + END_GRACE_S:
+            if now_s < self._end_announced_s + END_GRACE_S:
                 return False
         for one in heard:
             self.status = one.settle() or self.status
         self._ended = True
-        # the publisher waits for its listeners to go
+        # the publisher waits for its subscribers to leave
         self.close()
         return True
 

@@ -1,4 +1,4 @@
-"""The barrier of a step: complete once all who joined have decided, and on the same."""
+"""The barrier of a step: complete once all controllers have requested the same move."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from evs.msgs import EvsError
 from evs.msgs.lockstep import F64, Reset, Restore, Step
 
 Decision = Reset | Step | Restore
-"""What moves the loop, so what all have to agree on."""
+"""A request that moves the loop; all controllers have to agree on it."""
 
 
 class Barrier:
@@ -19,22 +19,22 @@ class Barrier:
 
     def __init__(self, clients: Clients) -> None:
         self.since_s: float | None = None
-        """when the first of them came, s; None: none is there"""
+        """when the first of them came, s; None: there is none"""
         self.decisions: dict[bytes, Decision] = {}
         self._clients = clients
 
     @property
     def complete(self) -> bool:
-        """Whether everybody has decided."""
+        """Whether all have decided."""
         return len(self.decisions) >= max(len(self._clients.present), self._clients.controllers)
 
     @property
     def missing(self) -> list[bytes]:
-        """Who has joined and not decided."""
+        """The controllers that have joined and not decided."""
         return [one for one in self._clients.present if one not in self.decisions]
 
     def add(self, identity: bytes, decision: Decision, now_s: float) -> None:
-        """Add one controller's decision. Raises EvsError, and it has decided nothing."""
+        """Add one controller's decision. Raises EvsError if it is refused; then there is none."""
         client = self._clients.present[identity]
         # it may change its mind as long as the others have not all decided
         self.withdraw(identity)
@@ -60,7 +60,7 @@ class Barrier:
 
     @staticmethod
     def check(client: Client, step: Step) -> None:
-        """EvsError where a controller gives controls that are not one for each of its actuators."""
+        """Raise EvsError unless a controller gives one control for each of its actuators."""
         count = len(client.actuators)
         if step.ctrl is not None and len(step.ctrl) != count:
             raise EvsError(
@@ -69,7 +69,7 @@ class Barrier:
             )
 
     def clear(self) -> dict[bytes, Decision]:
-        """Begin anew; return the decisions that were there."""
+        """Remove all decisions and return them."""
         decisions, self.decisions, self.since_s = self.decisions, {}, None
         return decisions
 

@@ -1,4 +1,4 @@
-"""Who has joined: each controller with its own actuators and the cameras it sees."""
+"""The controllers that have joined, each with its own actuators and the cameras it sees."""
 
 from __future__ import annotations
 
@@ -47,16 +47,16 @@ class Clients:
 
     @property
     def full(self) -> bool:
-        """Whether all are here."""
+        """Whether all have joined."""
         return len(self.present) >= self.controllers
 
     @property
     def names(self) -> str:
-        """Of all who are here."""
+        """Names of all that have joined."""
         return ", ".join(f"'{client.name}'" for client in self.present.values()) or "nobody"
 
     def admit(self, peer: Peer, join: Join) -> Client:
-        """Let a controller join; return the same Client to one that asks again."""
+        """Let a controller join; return the same Client for a repeated request."""
         before = self.present.get(peer[0])
         if before is not None and before.joined == join:
             return before
@@ -93,7 +93,7 @@ class Clients:
         return client
 
     def _places(self, join: Join) -> list[int]:
-        """Places of the actuators that it owns; nobody else may."""
+        """Return the places of its actuators; no other controller may own one of them."""
         wanted = self.actuators if join.actuators is None else join.actuators
         for name in wanted:
             if name not in self.actuators:

@@ -19,12 +19,12 @@ _MOST_AT_ONCE = 256
 
 @dataclass
 class _View:
-    """What a controller has not received yet, and what it asked for."""
+    """What a controller has not received yet, and its pending request."""
 
     answered_us: int
     """simulated time of its last answer"""
     answered_s: float
-    """when it was answered last, whatever it had asked"""
+    """when it was answered last, to any request"""
     seen: list[Observation] = field(default_factory=list)
     """of each tick since"""
     step: Step | None = None
@@ -32,12 +32,12 @@ class _View:
 
 
 class RealtimeServer(LockstepServer):
-    """Serves a loop whose ticks wait for the wall clock (the loop does that) and for nobody else.
+    """Serves a loop whose ticks wait for the wall clock (in the loop) and for no controller.
 
-    It stands still until the first reset, which every controller asks for, and after an episode's
+    It stands still until the first reset, which every controller requests, and after an episode's
     end. A step's control acts in the next tick, and for good: the latest wins. Its answer comes
     once `ticks` ticks have passed since the last answer, at once if they have, with everything that
-    was seen since. A controller that asks for nothing in `timeout_s` loses its seat; its last
+    was seen since. A controller without a request for `timeout_s` loses its seat; its last
     control goes on acting, as does that of one that leaves.
     """
 
@@ -93,7 +93,7 @@ class RealtimeServer(LockstepServer):
         self._going = not self._loop.done
 
     def _break(self, line: str) -> None:
-        """Tell those who wait for a reset why it does not come; time goes on."""
+        """Report to all that wait for a reset why it does not come; time goes on."""
         super()._break(line)
         self._fault = ""
 
@@ -102,7 +102,7 @@ class RealtimeServer(LockstepServer):
         return "time goes on" if self._going else super()._next_moves
 
     def _give_up(self) -> None:
-        """A loop that goes on by itself keeps nobody waiting but for a reset."""
+        """Only a reset waits: the loop itself goes on."""
         if not self._going or not self._clients.full:
             super()._give_up()
             return
@@ -165,7 +165,7 @@ class RealtimeServer(LockstepServer):
         return self._views[identity]
 
     def _miss(self) -> None:
-        """Remove those who are gone, or have asked for nothing for too long."""
+        """Remove controllers that are gone, or have sent no request for too long."""
         assert self._end is not None
         for identity in self._end.gone():
             self._lose([identity], "has gone (its connection closed)")

@@ -149,7 +149,7 @@ class Segments:
 
     @property
     def stop_wanted(self) -> bool:
-        """Whether somebody asked a sink for the end of the run."""
+        """Whether a client of a sink requested the end of the run."""
         return self._live.stop_wanted
 
     @property
@@ -173,7 +173,7 @@ class Segments:
         try:
             sinks.write_tick(cameras, packets, t_us, pace)
         except SinkStoppedError as error:
-            # it was the last of its kind, of which the others are told by a warning
+            # it was the last sink of this set; the run goes on with a warning
             self._warn(str(error))
 
     def _close_files(self) -> None:

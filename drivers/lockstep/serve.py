@@ -50,7 +50,7 @@ def serve(
     begun: Callable[[Sequence[str]], None] | None = None,
     ready: Callable[[str], None] | None = None,
     on_report: Callable[[Report], None] | None = None,
-    said_config: Mapping[str, Any] | None = None,
+    report_config: Mapping[str, Any] | None = None,
 ) -> tuple[Report, list[str]]:
     """Serve until Ctrl-C, SIGTERM or a `stop` at a control port.
 
@@ -58,11 +58,11 @@ def serve(
         config: Of the pipeline, whose pace is lockstep or which serves in real time.
         make_loop: Makes the loop where it is another than the pipeline's.
         meter: The one that the loop's world laps.
-        warn: Gets a line for each thing that is legal but hardly meant.
+        warn: Called with a line for each setting that is legal but unlikely to be intended.
         begun: Called with World.chosen once controllers may connect.
         ready: Called with the server's address after that.
         on_report: As of run.run.
-        said_config: Stands in the report.
+        report_config: The configuration that stands in the report.
 
     Returns:
         The report, and the files that were recorded.
@@ -93,7 +93,7 @@ def serve(
         if ready is not None:
             ready(run.server.address)
 
-    report = run.run(announce, on_report, said_config)
+    report = run.run(announce, on_report, report_config)
     return report, segments.files
 
 

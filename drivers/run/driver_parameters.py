@@ -84,8 +84,8 @@ def passed_on(sensor: SensorConfig, sinks: Iterable[DriverParameters]) -> Sensor
         if rate is not None:
             changes["erc_rate_mevs"] = "erc_mode", rate
         for key, (name, value) in changes.items():
-            said = getattr(readout, key)
-            if said not in (None, value):
+            present = getattr(readout, key)
+            if present not in (None, value):
                 raise EvsError(
                     f"at sink.{place}.{name}: sensor.readout.{key} already has another value; "
                     "set only one of them"
@@ -95,7 +95,7 @@ def passed_on(sensor: SensorConfig, sinks: Iterable[DriverParameters]) -> Sensor
 
 
 def _erc_rate_mevs(sink: DriverParameters, path: str) -> float | None:
-    """What a sink's table says of the rate, Mev/s; None: nothing."""
+    """Return the rate of a sink's table, Mev/s; None if it has none."""
     mode = sink.erc_mode or "na"
     if mode not in ERC_MODES:
         raise EvsError(f"at {path}.erc_mode: {unknown('mode', mode, ERC_MODES)}")

@@ -1,4 +1,4 @@
-"""The plan of a pipeline: what its scene requires, and, where that is asked for, what it takes."""
+"""The plan of a pipeline: what its scene requires and, on request, how long it takes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from evs.emulator.camera.scene_plan import ScenePlan
 from evs.emulator.simulation.world import World
 
 MEASURED = ("world", "render", "sensor")
-"""the stages that a plan is about"""
+"""the stages that a plan measures"""
 
 
 @dataclass(frozen=True)
@@ -46,22 +46,26 @@ class PipelinePlan:
 
     def plain(self) -> dict[str, Any]:
         """For JSON: the same `plan` as in a run's report."""
-        told = {key: getattr(self, key) for key in ("scene", "camera", "sensor", "model")}
-        taken = asdict(self.measured) if self.measured else None
+        plain = {key: getattr(self, key) for key in ("scene", "camera", "sensor", "model")}
+        measured = asdict(self.measured) if self.measured else None
         return {
-            **told,
+            **plain,
             "renderer": self.renderer,
             "sinks": list(self.sinks),
             "threads": self.threads,
             "plan": self.plan.compact(),
-            "measured": taken,
+            "measured": measured,
         }
 
 
 def plan_pipeline(config: PipelineConfig, ticks: int = 0) -> PipelinePlan:
-    """Load the scene, see it once and say what it requires. In: ticks, to measure; 0: none.
+    """Load the scene, render it once and return what it requires.
 
     The first tick is made in any case: some code paths depend on where things are.
+
+    Args:
+        config: Of the pipeline.
+        ticks: How many to measure; 0: none.
     """
     watch = StopWatch()
     emulation = config.emulation()

@@ -42,7 +42,7 @@ CHANNELS = (*LIGHT, *TRUTH)
 
 @dataclass(frozen=True)
 class Rendering:
-    """What a rendering did."""
+    """The result of a rendering."""
 
     ended: str
     """complete, interrupted or terminated"""
@@ -55,9 +55,14 @@ class Rendering:
 
 
 def chosen_channels(text: str, renderer: str) -> tuple[str, ...]:
-    """The channels of a comma-separated list, in the file's order; `all`: what there is.
+    """Return the channels of a comma-separated list, in the file's order.
 
-    EvsError for unknown ones, and for none.
+    Args:
+        text: The list; `all` is every channel that the renderer has.
+        renderer: Name of the renderer.
+
+    Raises:
+        EvsError: A channel is unknown, or none is given.
     """
     words = [word.strip() for word in text.split(",") if word.strip()]
     if words == ["all"]:
@@ -71,10 +76,15 @@ def chosen_channels(text: str, renderer: str) -> tuple[str, ...]:
 
 
 def instants(duration_s: float, fps: float | None, tick_us: int) -> range | list[int]:
-    """The ticks to render, from 0 to the duration, both included where a frame falls on it.
+    """Return the ticks to render, from 0 to the duration, which is included if a frame is due.
 
-    In: fps, frames per simulated second, each at the nearest tick; None: every tick. EvsError where
-    there are fewer ticks than frames.
+    Args:
+        duration_s: Simulated time, s.
+        fps: Frames per simulated second, each at the nearest tick; None: every tick.
+        tick_us: Length of a tick, us.
+
+    Raises:
+        EvsError: There are fewer ticks than frames, or a value is impossible.
     """
     if not (math.isfinite(duration_s) and 0 <= duration_s <= MAX_SECONDS):
         raise EvsError(
@@ -97,7 +107,7 @@ def instants(duration_s: float, fps: float | None, tick_us: int) -> range | list
 
 
 def check_target(out: str, inputs: Sequence[str]) -> Path:
-    """The path of the file to write. EvsError where it ends in another way, or is an input."""
+    """Return the path of the file to write. EvsError if it does not end in .npz, or is an input."""
     path = Path(out).expanduser()
     if path.suffix.lower() != ".npz":
         raise EvsError(f"cannot render to '{out}': end it in .npz")
@@ -113,13 +123,25 @@ def render(
     channels: Sequence[str],
     ticks: Sequence[int],
     progress: Callable[[int, int], None] | None = None,
-    said: Mapping[str, Any] | None = None,
+    plain_config: Mapping[str, Any] | None = None,
 ) -> Rendering:
     """Step the configured world to each of `ticks` and write what its camera sees there.
 
-    In: progress, called with (frames done, t_us) after each; said, the configuration as it stands
-    in the file. Ctrl-C and SIGTERM end it between two frames, an unstable world with an EvsError:
-    the frames until then are whole either way.
+    Ctrl-C and SIGTERM end it between two frames; the frames until then are complete.
+
+    Args:
+        config: The world and its camera.
+        out: The file to write.
+        channels: Of the frames.
+        ticks: When to render, ascending.
+        progress: Called with (frames done, t_us) after each frame.
+        plain_config: The configuration that is written into the file; `config` if None.
+
+    Returns:
+        What was rendered.
+
+    Raises:
+        EvsError: The world is unstable; the frames until then are complete.
     """
     world, view = World.with_view(config, rgb="rgb" in channels)
     size = view.height, view.width
@@ -127,7 +149,7 @@ def render(
     stacks = {"t_us": FrameArray("<i8")} | {
         name: FrameArray(dtype, (*size, *pixel)) for name, (dtype, pixel) in shapes.items()
     }
-    info = json.dumps(_info(config, view, said or asdict(config)), default=str)
+    info = json.dumps(_info(config, view, plain_config or asdict(config)), default=str)
     writer = NpzFrameWriter(out, len(ticks), stacks, {"info": info})
     ended, frame = COMPLETE, None
     try:
@@ -150,7 +172,7 @@ def render(
 
 
 def _frame(view: View, channels: Sequence[str]) -> Frame:
-    """Everything that was asked for of the present, and no more."""
+    """Return the requested channels of the present; compute no others."""
     found: dict[str, Any] = {"t_us": np.int64(view.t_us)}
     if any(name in LIGHT for name in channels):
         found["luminance"], found["rgb"] = view.render()
@@ -160,12 +182,12 @@ def _frame(view: View, channels: Sequence[str]) -> Frame:
     return {name: np.asarray(found[name]) for name in ("t_us", *channels)}
 
 
-def _info(config: RunConfig, view: View, said: Mapping[str, Any]) -> dict[str, Any]:
+def _info(config: RunConfig, view: View, plain_config: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "camera": view.name,
         "camera_info": view.camera_info,
         "tick_us": config.scene.tick_us,
         "seed": config.seed,
         "versions": {**versions(), **emulator_versions()},
-        "config": dict(said),
+        "config": dict(plain_config),
     }

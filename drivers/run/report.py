@@ -61,7 +61,7 @@ class Report:
     camera_info, plan (what its scene contains, which code paths ran, and why the others did not:
     `evs plan`)"""
     sinks: list[dict[str, Any]] = field(default_factory=list)
-    """what each sink said when it was closed"""
+    """what each sink reported when it was closed"""
     pace: dict[str, Any] = field(default_factory=dict)
     """held to the wall clock: speed, catch_up_s, late_ms {median, p99, worst} over all ticks,
     slipped_s and slips: by how much simulated time fell behind for good, and in how many ticks,

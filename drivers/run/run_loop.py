@@ -23,7 +23,7 @@ class TickSinks(Protocol):
 
     @property
     def stop_wanted(self) -> bool:
-        """Whether somebody asked for the end of the run."""
+        """Whether a client of a sink requested the end of the run."""
 
     @property
     def reports(self) -> list[dict[str, Any]]:
@@ -89,7 +89,7 @@ class RunLoop(ABC):
         """End what `start` began, before the sinks are closed."""
 
     def describe(self) -> dict[str, Any]:
-        """What the report tells of the loop itself."""
+        """Return the report's part on the loop itself."""
         return {}
 
     def warn(self, line: str) -> None:

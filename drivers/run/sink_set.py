@@ -138,7 +138,7 @@ class SinkSet:
 
     @property
     def stop_wanted(self) -> bool:
-        """Whether somebody asked a sink for the end of the run."""
+        """Whether a client of a sink requested the end of the run."""
         return any(sink.stop_wanted for sink in self._all)
 
     def _write_wanted(self, camera: AuxiliaryStreams, t_us: int) -> None:
@@ -184,7 +184,7 @@ class SinkSet:
                     report = sink.close()
                 self.reports.insert(0, report)
                 if report.get("error") and sink in self._sinks:
-                    # it was well until now: nobody has been warned yet
+                    # it had no error until now, so there was no warning yet
                     self._warn(str(report["error"]))
             except BaseException as error:  # whatever one sink does, the others must be closed
                 self.reports.insert(0, {"error": str(error) or type(error).__name__})

@@ -69,7 +69,7 @@ class RunWorld(Protocol):
 
     @property
     def substeps(self) -> object:
-        """Its str() says how the model's time step was fitted to the tick."""
+        """Its str() describes how the model's time step was fitted to the tick."""
 
     def step(self) -> tuple[EventPacket, ...]:
         """Advance one tick; its packets."""
@@ -86,17 +86,21 @@ class Totals:
     """The sum of counts whose owner may be reset or restored, so that they jump."""
 
     def __init__(self, read: Callable[[], Mapping[Any, int]]) -> None:
-        """In: read, the counts as they are now, each under its name."""
+        """Sum counts.
+
+        Args:
+            read: Returns the counts as they are now, each under its name.
+        """
         self._read = read
         self._base: Mapping[Any, int] = {}
         self._sum = Counter[Any]()
 
     def read(self) -> Mapping[Any, int]:
-        """Return the counts as they are now: to be kept over a jump that may yet fail."""
+        """Return the counts as they are now, for `jumped` after a jump that may yet fail."""
         return self._read()
 
     def jumped(self, before: Mapping[Any, int]) -> None:
-        """Take note that they have jumped; `before` is what they were."""
+        """Record that the counts have jumped; `before` is what they were."""
         for name, count in before.items():
             self._sum[name] += count - self._base.get(name, 0)
         self._base = self._read()
@@ -136,8 +140,8 @@ class RunStatistics:
     def new_warnings(self) -> list[str]:
         """Return the warnings of this tick, each once a camera. Call after every tick.
 
-        After the first, that a camera sees nothing lit, and which of its settings are hardly meant;
-        later, that values had to be replaced.
+        After the first tick: a camera sees nothing lit, and settings that are unlikely to be
+        intended. Later: values had to be replaced.
         """
         lines = []
         for camera in self._world.cameras:

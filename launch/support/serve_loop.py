@@ -54,7 +54,7 @@ def serve(
         begun=lambda lines: terminal.notes(lines, quiet),
         ready=ready,
         on_report=write_reports,
-        said_config=settings.to_plain(config) if reported_config is None else reported_config,
+        report_config=settings.to_plain(config) if reported_config is None else reported_config,
     )
     terminal.summary(report, quiet, [command("info", file) for file in files[:1]])
     stopped = any(sink.get("error") for sink in report.sinks)

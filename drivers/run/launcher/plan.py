@@ -39,11 +39,11 @@ _WAITING = {
     "loop": ("publish_wait_for={count}", "publish_wait_s=60"),
     "play": ("--wait-for", "{count}", "--wait", "60"),
 }
-"""commands of ours that publish -> how they are told to wait for their subscribers"""
+"""commands of ours that publish -> their words to wait for subscribers"""
 _PUBLISHING = ("--publish", "publish")
-"""emulate, loop: where a node has none of these, its pipeline publishes, and says how it waits"""
+"""emulate, loop: without one of these the pipeline itself publishes, and sets how it waits"""
 _WAITS = ("--wait-for", "publish_wait_for")
-"""where a node has one of these, it says itself how many it waits for"""
+"""a node with one of these sets itself how many it waits for"""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from evs.drivers.run.stop_signals import stop_signals
 from evs.msgs import EvsError
 
 INTERRUPTED = {"interrupted": 130, "terminated": 143}
-"""how the launch was told to stop -> exit code, as shells count signals"""
+"""why the launch stopped -> exit code, as shells count signals"""
 
 _LOOK_S = 0.05
 _AFTER_TERM_S = 2.0
@@ -90,7 +90,7 @@ class Launch:
         return any(node.since_s or node.again_s is not None for node in self.nodes)
 
     def _look(self) -> None:
-        """What has ended since the last look, and what follows."""
+        """Handle the nodes that have ended since the last check."""
         for node in self.nodes:
             if node.again_s is not None and monotonic_s() >= node.again_s:
                 node.start()
@@ -116,7 +116,7 @@ class Launch:
             self._tell(f"{config.name} starts again in {config.restart_s:g} s ({told})")
 
     def _stop(self) -> None:
-        """The last started first: publishers say goodbye while their subscribers still listen."""
+        """Stop the last started first: publishers send their end while subscribers receive."""
         for node in self.nodes:
             # what was to start again does not
             node.again_s = None

@@ -24,7 +24,7 @@ HEAD, TAIL, SLEEPS, MESSAGES, STOP = 0, 8, 16, 24, 32
 reader has to be woken; how many messages it has sent; whether it wants the run to end."""
 
 POSE, TRUTH, LIGHT = 512, 768, 1024
-"""Where a byte for each camera says whether the sink wants these of it."""
+"""Where a byte for each camera is set if the sink wants its pose, ground truth or light."""
 
 MAX_CAMERAS = TRUTH - POSE
 

@@ -32,7 +32,7 @@ _MOST_MB = 1e5
 _NAP_S = 0.0005
 """Between two checks of a full ring; the worker frees some MB in that time."""
 _POLL_EVERY = 256
-"""Messages between two checks that the worker still lives, where nothing else says so."""
+"""Messages between two checks that the worker still lives, if it sends nothing itself."""
 
 
 class WorkerSink(Sink):
@@ -90,7 +90,7 @@ class WorkerSink(Sink):
 
     @property
     def stop_wanted(self) -> bool:
-        """Whether somebody asked the sink for the end of the run."""
+        """Whether a client of the sink requested the end of the run."""
         if self._process is None:
             return False
         assert self._memory is not None
@@ -143,7 +143,7 @@ class WorkerSink(Sink):
         self._put_other(messages.of_triggers(packet, self._place(packet.camera)))
 
     def wants_pose(self, camera: str) -> bool:
-        """Return whether the sink wanted it when the worker last asked."""
+        """Return whether the sink wanted it when the worker last checked."""
         return self._flag(shared_memory.POSE, camera)
 
     def write_pose(self, pose: Pose) -> None:
