@@ -27,7 +27,7 @@ if __name__ == "__main__":
 
 
 def link(checkout: Path, packages: Path, scripts: Path) -> None:
-    """Make `import evs` and the commands of pyproject.toml work. In: site-packages, bin."""
+    """Make `import evs` and the commands of pyproject.toml work."""
     project = tomllib.loads((checkout / "pyproject.toml").read_text())["project"]
     (packages / "evs.pth").write_text(f"{checkout / 'build' / 'ns'}\n")
     for name, target in project["scripts"].items():
@@ -39,15 +39,15 @@ def link(checkout: Path, packages: Path, scripts: Path) -> None:
         shutil.rmtree(old)
     metadata = packages / f"evs-{project['version']}.dist-info"
     metadata.mkdir()
-    told = ["Metadata-Version: 2.1", "Name: evs", f"Version: {project['version']}"]
-    told += [f"Requires-Dist: {requirement}" for requirement in project["dependencies"]]
+    fields = ["Metadata-Version: 2.1", "Name: evs", f"Version: {project['version']}"]
+    fields += [f"Requires-Dist: {requirement}" for requirement in project["dependencies"]]
     for extra, requirements in project["optional-dependencies"].items():
-        told.append(f"Provides-Extra: {extra}")
+        fields.append(f"Provides-Extra: {extra}")
         for requirement in requirements:
             name, _, condition = requirement.partition(";")
             where = f"({condition.strip()}) and " if condition else ""
-            told.append(f'Requires-Dist: {name}; {where}extra == "{extra}"')
-    (metadata / "METADATA").write_text("\n".join([*told, ""]))
+            fields.append(f'Requires-Dist: {name}; {where}extra == "{extra}"')
+    (metadata / "METADATA").write_text("\n".join([*fields, ""]))
     groups = {"console_scripts": project["scripts"], **project.get("entry-points", {})}
     lines: list[str] = []
     for group, entries in groups.items():

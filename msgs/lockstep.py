@@ -29,6 +29,7 @@ from evs.msgs.header_fields import (
 from evs.msgs.imu import decode_imu, encode_imu
 from evs.msgs.observation import Observation
 from evs.msgs.packet import MAX_HEADER_BYTES, EventPacket, check_events, packb, unpackb
+from evs.msgs.stream import StreamInfo
 
 F64 = npt.NDArray[np.float64]
 
@@ -376,3 +377,18 @@ def _packets(
     if begin != len(events):
         raise MessageError(f"{len(events)} events are more than the table of packets says")
     return tuple(found)
+
+
+_STREAM_FIELDS = ("camera", "width", "height", "sensor", "tick_us", "seed", "latency_us")
+
+
+def stream_fields(stream: StreamInfo) -> dict[str, Any]:
+    """Return what a description says of one camera, as plain values of a header."""
+    plain = {key: getattr(stream, key) for key in _STREAM_FIELDS}
+    return {**plain, "frames": stream.frames, "imu": stream.imu}
+
+
+def decode_stream(described: dict[str, Any]) -> StreamInfo:
+    """Return a camera of a description."""
+    plain = {key: described[key] for key in _STREAM_FIELDS}
+    return StreamInfo(**plain, frames=described["frames"], imu=described["imu"])

@@ -14,7 +14,6 @@ from evs.drivers.bus.address import connectable
 from evs.drivers.bus.exchange import ClientEnd
 from evs.drivers.bus.keys import read_public, read_secret
 from evs.drivers.clock import monotonic_s
-from evs.drivers.lockstep.served_loop import camera_of
 from evs.msgs import EvsError, MessageError, Observation, StreamInfo
 from evs.msgs.header_fields import MAX_INT64, check_name, integer
 from evs.msgs.lockstep import (
@@ -32,6 +31,7 @@ from evs.msgs.lockstep import (
     decode_header,
     decode_observation,
     decode_reply,
+    decode_stream,
     encode_request,
     floats,
     names_field,
@@ -292,6 +292,6 @@ def _names(names: Sequence[str] | None, what: str) -> tuple[str, ...] | None:
 def _streams(described: dict[str, Any]) -> tuple[StreamInfo, ...]:
     """The cameras of a join's answer."""
     try:
-        return tuple(camera_of(one) for one in described["cameras"])
+        return tuple(decode_stream(one) for one in described["cameras"])
     except (KeyError, TypeError) as reason:
         raise MessageError(f"the server's cameras cannot be understood: {reason!r}") from None

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from evs.drivers.bus.address import bindable
 from evs.drivers.bus.exchange import Peer, ServerEnd
@@ -13,10 +14,11 @@ from evs.drivers.bus.ports import ServerKeys
 from evs.drivers.clock import Durations, monotonic_s
 from evs.drivers.lockstep.barrier import Barrier, Decision, joint_controls
 from evs.drivers.lockstep.clients import Client, Clients
-from evs.drivers.lockstep.served_loop import ServedLoop, description
-from evs.msgs import EvsError, MessageError, Observation
+from evs.msgs import EvsError, MessageError, Observation, StreamInfo
 from evs.msgs.lockstep import (
+    F64,
     LOCKSTEP_ADDRESS,
+    LOCKSTEP_PROTOCOL,
     MAX_BLOB_BYTES,
     MAX_NAMES,
     Bye,
@@ -33,6 +35,7 @@ from evs.msgs.lockstep import (
     encode_error,
     encode_observation,
     encode_reply,
+    stream_fields,
 )
 
 TIMEOUT_S = 10.0
@@ -40,6 +43,52 @@ TIMEOUT_S = 10.0
 
 _MOST_FRAMES = 2
 _MARGIN_BYTES = 1 << 20
+
+
+class ServedLoop(Protocol):
+    """What a server needs of a closed loop; ServedRun (serve.py) is one."""
+
+    def reset(
+        self, seed: int | None = None, keyframe: str = "", state: bool = False
+    ) -> Observation:
+        """Begin an episode."""
+
+    def step(self, ctrl: npt.ArrayLike | None = None, ticks: int = 1) -> Observation:
+        """Apply a control and advance by some ticks."""
+
+    def save(self, compress: bool = False) -> bytes:
+        """Return the whole state."""
+
+    def restore(self, blob: bytes) -> Observation:
+        """Return to a saved state."""
+
+    @property
+    def actuators(self) -> Sequence[str]:
+        """Names of all actuators, in the order of the controls."""
+
+    @property
+    def ctrl(self) -> F64:
+        """(nu,) the last controls that were decided, whether they act yet or not."""
+
+    @property
+    def ctrl_range(self) -> F64:
+        """(nu, 2) lowest and highest control of each actuator; infinite where there is no limit."""
+
+    @property
+    def streams(self) -> Sequence[StreamInfo]:
+        """What is constant of each camera."""
+
+    @property
+    def tick_us(self) -> int:
+        """Length of a tick, us."""
+
+    @property
+    def t_us(self) -> int:
+        """Simulated time, us."""
+
+    @property
+    def done(self) -> str:
+        """Why the episode is over; "": it goes on, or has not begun."""
 
 
 class LockstepServer:
@@ -335,3 +384,15 @@ def answer_of(client: Client, seen: Observation) -> Parts:
         encoders = encoders[:, client.actuators]
     state = seen.state if client.wants_state else None
     return encode_observation(client.number, seen, encoders, client.cameras, state)
+
+
+def description(loop: ServedLoop, clients: Clients) -> dict[str, Any]:
+    """Describe the cameras, the actuators and the clients, as plain values of a header."""
+    return {
+        "protocol": LOCKSTEP_PROTOCOL,
+        "tick_us": loop.tick_us,
+        "actuators": list(clients.actuators),
+        "cameras": [stream_fields(stream) for stream in loop.streams],
+        "controllers": clients.controllers,
+        "joined": [client.name for client in clients.present.values()],
+    }

@@ -20,7 +20,7 @@ from evs.drivers.files.paths import FORCE, check_new, free_number, numbered_path
 from evs.drivers.run import driver_parameters
 from evs.drivers.run.driver_parameters import DriverParameters
 from evs.drivers.run.paths import beside, in_package, with_paths
-from evs.drivers.sink import Sink
+from evs.drivers.sink import SINK_TYPES, Sink
 from evs.emulator.base import registry
 from evs.emulator.config import RunConfig
 from evs.emulator.config.schema import LoopConfig
@@ -111,37 +111,6 @@ class SinkConfig(DriverParameters):
     aside_cores: tuple[int, ...] | None = None
     """aside: processor cores that the process may use; not given: the cores of the camera"""
 
-
-@dataclass(frozen=True)
-class SinkType:
-    """How sinks of one type are made, and the keys that their tables have."""
-
-    target: str
-    """module:class, imported at first use"""
-    keys: tuple[str, ...] = ()
-    """of SinkConfig, each also a parameter of the class"""
-    place: str = ""
-    """the key that every such table needs, and the first argument of the class; empty: none"""
-
-
-SINK_TYPES = {
-    "zmq": SinkType(
-        "evs.drivers.bus:Publisher",
-        (
-            *("wait_for", "wait_s", "queue", "control", "latest", "truth_hz"),
-            *("key", "allow", "insecure"),
-        ),
-        place="address",
-    ),
-    "dv": SinkType(
-        "evs.drivers.dv:DvServer",
-        ("compression", "wait_for", "wait_s", "queue", "insecure"),
-        place="address",
-    ),
-    "rerun": SinkType("evs.drivers.viewer:ViewSink", ("period_us",), place="rrd"),
-    "ros2": SinkType("evs.drivers.ros2:Ros2Publisher", driver_parameters.KEYS),
-}
-"""sink type -> how it is made; recordings have their own table (drivers/files/formats.py)"""
 
 SINK_PLACES = {name: kind.place for name, kind in SINK_TYPES.items()} | {
     kind.name: "file" for kind in formats.FORMATS

@@ -105,7 +105,7 @@ class EvsNetModel:
 
     @property
     def warm_up_ticks(self) -> int:
-        """Its window: fresh noise has to fill it before events can be told from it."""
+        """Its window: fresh noise has to fill it before events stand out."""
         return self.weights.receptive_field - 1
 
     @property

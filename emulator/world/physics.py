@@ -40,9 +40,9 @@ class Substeps:
 
     def __str__(self) -> str:
         """The choice as a sentence."""
-        asked, taken = f"{self.model_timestep_s * 1e3:g} ms", f"{self.timestep_s * 1e3:g} ms"
+        wanted, taken = f"{self.model_timestep_s * 1e3:g} ms", f"{self.timestep_s * 1e3:g} ms"
         steps = "1 physics step" if self.count == 1 else f"{self.count} physics steps"
-        reason = "as the model has it" if self.kept else f"the model asks for {asked}{self._key()}"
+        reason = "as the model has it" if self.kept else f"the model asks for {wanted}{self._key()}"
         return f"{steps} of {taken} in each tick of {self.tick_us / 1e3:g} ms ({reason})"
 
     @property

@@ -21,12 +21,12 @@ LOW_PASS = ("cutoff_hz", "filter", "follower_hz")
 """keys of a point's sensor that its error is measured with; the reference's filter is exact"""
 
 
-def metered_sensor(asked: SensorConfig, preset: SensorConfig) -> SensorConfig:
+def metered_sensor(wanted: SensorConfig, preset: SensorConfig) -> SensorConfig:
     """The sensor that errors are measured with: ideal, except for a low pass that a point sets.
 
     Noise is no error of the light, so errors have none.
     """
-    changed = {k: getattr(asked, k) for k in LOW_PASS if getattr(asked, k) != getattr(preset, k)}
+    changed = {k: getattr(wanted, k) for k in LOW_PASS if getattr(wanted, k) != getattr(preset, k)}
     return dataclasses.replace(models.SENSOR, **changed)
 
 

@@ -136,20 +136,20 @@ class Surrogate:
         self._root = np.linalg.cholesky(noisy).astype(np.float64)
         self._weights = np.linalg.solve(self._root.T, np.linalg.solve(self._root, rest))
 
-    def at(self, asked: Sequence[Candidate]) -> tuple[F64, F64]:
+    def at(self, candidates: Sequence[Candidate]) -> tuple[F64, F64]:
         """Predict the quantity and its standard deviation as a factor: (values, factors)."""
-        mean = self._prior(asked)
-        effects = _matrix(asked)
+        mean = self._prior(candidates)
+        effects = _matrix(candidates)
         variance = (effects**2 * self._variance).sum(axis=1) + REST**2
         if self._known:
-            across = self._covariance(asked, self._known)
+            across = self._covariance(candidates, self._known)
             mean = mean + across @ self._weights
             seen = np.linalg.solve(self._root, across.T)
             variance = variance - (seen**2).sum(axis=0)
         return 2.0**mean, 2.0 ** np.sqrt(np.maximum(variance, 0.0))
 
-    def _prior(self, asked: Sequence[Candidate]) -> F64:
-        prior: F64 = _matrix(asked) @ self._mean
+    def _prior(self, candidates: Sequence[Candidate]) -> F64:
+        prior: F64 = _matrix(candidates) @ self._mean
         return prior
 
     def _covariance(self, one: Sequence[Candidate], two: Sequence[Candidate]) -> F64:

@@ -64,7 +64,7 @@ def _has_log(path: Path) -> bool:
 def scan_database(path: Path, scan: BagScan) -> Iterator[BagMessage]:
     """Every message of a .db3 file, by time. CorruptDataError: it is not one.
 
-    SQLite tells no byte offsets: what is damaged within is said to be at 0.
+    SQLite gives no byte offsets, so damage within the file is reported at 0.
     """
     number = 0
     try:

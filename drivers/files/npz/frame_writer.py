@@ -69,9 +69,9 @@ class _ArrayMember:
 class NpzFrameWriter:
     """Writes an .npz file of known length frame by frame.
 
-    Room for all frames is taken first, so a disk that is too small is told at the start. After each
-    frame the file is a whole archive of all frames until then, and stays one while the next frame's
-    values are written, so a process that is killed leaves what it had done. Not so in the
+    Room for all frames is taken first, so a disk that is too small is reported at the start. After
+    each frame the file is a complete archive of all frames until then, and stays one while the next
+    frame's values are written, so a process that is killed leaves what it had done. Not so in the
     microseconds in which the lengths change, and while `close` moves the stacks of an early end
     together: an archive that was cut off there is refused by numpy.
     """
@@ -83,10 +83,16 @@ class NpzFrameWriter:
         channels: Mapping[str, FrameArray],
         texts: Mapping[str, str],
     ) -> None:
-        """Open. In: texts, name to what becomes a zero-dimensional string array.
+        """Open the file. A file that is there already is overwritten once there is room.
 
-        EvsError where the file cannot be written, or has no room. A file that is there already is
-        written over, once that is sure.
+        Args:
+            path: The file.
+            frames: How many frames it will hold.
+            channels: Name to the shape and dtype of one frame's array.
+            texts: Name to what becomes a zero-dimensional string array.
+
+        Raises:
+            EvsError: The file cannot be written, or the disk has no room for it.
         """
         self.path, self.frames, self.written = Path(path), frames, 0
         self._texts, texts_bytes = _texts(texts)

@@ -21,7 +21,7 @@ LONGEST_LINE = 64 * 1024
 LAST_PACKETS_S = 3.0
 """how long a subscriber may take to end by itself once its publishers have"""
 
-_ASKED = {0, 128 + signal.SIGINT, 128 + signal.SIGTERM}
+_STOPPED_CODES = {0, 128 + signal.SIGINT, 128 + signal.SIGTERM}
 """exit codes of a program that stopped on request"""
 _READ_ON_S = 2.0
 """how long the pipe of a node that ended is read: a process that it started may keep it open"""
@@ -47,8 +47,8 @@ class Node:
         """How often it was started again."""
         self.code: int | None = None
         """Exit code of its last run, 128 + n after signal n; None: it runs or never did."""
-        self.asked = False
-        """Whether it was requested to stop."""
+        self.stop_requested = False
+        """Whether it was asked to stop."""
         self.again_s: float | None = None
         """When it is to start again, on the monotonic clock."""
         self.since_s = 0.0
@@ -77,7 +77,9 @@ class Node:
     @property
     def failed(self) -> bool:
         """Whether it ended with an error; the exit code of a requested stop is none."""
-        return self.code is not None and self.code not in (_ASKED if self.asked else {0})
+        return self.code is not None and self.code not in (
+            _STOPPED_CODES if self.stop_requested else {0}
+        )
 
     def start(self) -> None:
         """Start it. Raises EvsError if there is no such program."""
@@ -110,7 +112,7 @@ class Node:
 
     def signal(self, number: int) -> None:
         """Send a signal to it and to all that it started."""
-        self.asked = True
+        self.stop_requested = True
         if self._process is not None and self._process.poll() is None:
             try:
                 os.killpg(self._process.pid, number)

@@ -70,7 +70,7 @@ class Launch:
             for node in self.nodes:
                 if node.running:
                     node.signal(signal.SIGKILL)
-            # the guard is told of each end, or it would take this for ours
+            # report each end to the guard, or it would take this for ours
             _wait(self.nodes, _AFTER_TERM_S)
             self._guard.close()
         if failure is not None:
@@ -112,8 +112,8 @@ class Launch:
                 return
             node.restarts += 1
             node.again_s = monotonic_s() + config.restart_s
-            told = f"{node.restarts} of {config.restarts}"
-            self._tell(f"{config.name} starts again in {config.restart_s:g} s ({told})")
+            count = f"{node.restarts} of {config.restarts}"
+            self._tell(f"{config.name} starts again in {config.restart_s:g} s ({count})")
 
     def _stop(self) -> None:
         """Stop the last started first: publishers send their end while subscribers receive."""
@@ -148,7 +148,7 @@ def _said(node: Node) -> str:
     code = node.code
     if code is None:
         return "does not end"
-    if node.asked and not node.failed:
+    if node.stop_requested and not node.failed:
         return "stopped"
     if not code:
         return "ended"

@@ -54,7 +54,7 @@ class PixelTick:
 def compare(p: PixelTick) -> tuple[list[PixelEvent], float, int]:
     """The events in order; the reference at the end of the tick; until when the pixel is blind.
 
-    References are told as they would have been at the start of the tick: then the levels stand
+    References are given as they would have been at the start of the tick: then the levels stand
     still, and the signal moves by `speed` in the tick.
     """
     span = p.signal_end - p.signal
