@@ -1,11 +1,10 @@
 """Which samples serve an event camera: events of `path` with few samples against converged light.
 
-A room of soft light (a glowing ball, a bulb, an even sky, one mirror) with a pendulum in it, and
-robots of gymnasium and dm_control whose lamps are given bulbs a tenth of their distance wide; a
-camera that stands still, pans at 170 px/s or slides at half a metre a second. All metrics are of
-the time after the first 20 ms, in which a running mean has settled.
-docs/explanation/sampling.md has the tables of
-`.venv/bin/pytest -m bench -s tests/bench/test_light_noise_study.py`.
+The scenes are a softly lit room (a glowing ball, a bulb, an even sky, one mirror) with a pendulum
+in it, and robots from gymnasium and dm_control whose lamps become bulbs with a radius of a tenth of
+their distance. The camera stands still, pans at 170 px/s or slides at 0.5 m/s. All metrics leave
+out the first 20 ms, in which a running mean settles. docs/explanation/sampling.md shows the tables
+that `.venv/bin/pytest -m bench -s tests/bench/test_light_noise_study.py` prints.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ SEEDS = (3, 4, 5)
 
 @dataclass(frozen=True)
 class Score:
-    """Events of one strategy against those of converged light, means over the seeds."""
+    """The events of one strategy against those of converged light, as means over the seeds."""
 
     emd: float
     recall: float
@@ -54,7 +53,7 @@ class Score:
 
 
 Found = dict[tuple[str, int], Score]
-"""(strategy, samples a pixel) -> its score"""
+"""(strategy, samples per pixel) -> score"""
 
 
 def score(*of_seeds: Comparison) -> Score:
@@ -66,18 +65,25 @@ def score(*of_seeds: Comparison) -> Score:
 
 
 def film_of(name: str, motion: str, files: dict[str, Path], soft: bool = True) -> Film:
-    """In: soft, robots' lamps become bulbs."""
+    """Return the film of a scene.
+
+    Args:
+        name: "room", or the name of a robot in `files`.
+        motion: How the camera moves: one of MOTIONS.
+        files: Name of each robot -> its MJCF file.
+        soft: Whether the robots' lamps become bulbs.
+    """
     return Film(model_of(name, files, soft), motion, WIDTH, HEIGHT, TICKS, VIEWS.get(name))
 
 
 def shoot(film: Film, seed: int, **render: object) -> F32:
-    """(ticks, h, w) light of `path`."""
+    """Render the film with `path`: luminance, (ticks, h, w) float32."""
     config = RenderConfig(**{"renderer": "path", **render})  # type: ignore[arg-type]
     return film.light_by(make_renderer(film.scene, film.camera, config, 2, seed=seed))[0]
 
 
 def lights(film: Film, spp: int, seed: int) -> dict[str, F32]:
-    """Light of every strategy with that many samples a pixel."""
+    """Return the light of every strategy at `spp` samples per pixel."""
     found = {
         name: shoot(film, seed, spp=spp, seeds=seeds, sampler=sampler)
         for name, (seeds, sampler) in STRATEGIES.items()
@@ -99,8 +105,14 @@ def line(c: Score) -> str:
 
 
 def in_short(cases: list[tuple[str, Found]]) -> str:
-    """Each strategy over all scenes: EMD as a share of the default's (geometric mean), recall and
-    precision (means). In: (motion, what was found), of scenes in which something happens."""
+    """Summarise each strategy over all scenes.
+
+    A cell holds the EMD as a share of the default's (geometric mean), and recall and precision
+    (means).
+
+    Args:
+        cases: (motion, scores) of the scenes in which something happens.
+    """
     lines = []
     for way, spp in cases[-1][1]:
         columns = []
@@ -120,7 +132,7 @@ def in_short(cases: list[tuple[str, Found]]) -> str:
 
 @pytest.fixture(scope="module")
 def cases() -> Iterator[list[tuple[str, Found]]]:
-    """What all cases found; printed in short after the last."""
+    """The scores of all cases; a summary is printed after the last one."""
     seen: list[tuple[str, Found]] = []
     yield seen
     if seen:
@@ -167,10 +179,10 @@ def test_events_of_each_way_to_sample(
         assert static["fixed, owen", 4] < static["fresh, owen", 4] / 10
     if own.reference_events >= 50:
         cases.append((motion, found))
-        # the reference can tell the ways apart
+        # the reference is precise enough to tell the strategies apart
         assert own.emd < emd["fixed, owen", 16] / 2
         # fewer samples are worse
         assert emd["fixed, owen", 16] < emd["fixed, owen", 4] < emd["fixed, owen", 1]
-        # and noise that moves with what is seen is worse than noise that does not
+        # and noise that moves with the surfaces is worse than noise that does not
         if motion != "still":
             assert emd["fixed, owen", 4] < emd[HALVES, 4] < emd["fixed, anchored", 4]

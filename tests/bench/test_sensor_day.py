@@ -1,7 +1,7 @@
 """A day of simulated time at 1 kHz, 86.4 million ticks of 8 x 8 pixels: nothing drifts or wraps.
 
-It takes half an hour of a core of its own, so `make bench` leaves it out:
-`.venv/bin/pytest -m bench -s tests/bench/test_sensor_day.py`. What can be known sooner is in
+It keeps one core busy for half an hour, so `make bench` leaves it out; run it with
+`.venv/bin/pytest -m bench -s tests/bench/test_sensor_day.py`. The faster checks are in
 tests/emulator/sensor/test_sensor_late_hours.py.
 """
 
@@ -27,8 +27,16 @@ IDEAL = SensorParameters("ideal", SIDE, SIDE, 0.2, 0.2, exposure_dn=1.0)
 def seconds(
     model: PlainModel, light: F32, state: PlainState
 ) -> Iterator[tuple[Events, PlainState]]:
-    """Second by second of a day: its events, and the state after it. In: light (1000, h, w), one
-    frame a tick, the same in every second."""
+    """Simulate a day, second by second.
+
+    Args:
+        model: The sensor.
+        light: Luminance (1000, h, w), one frame per tick of 1 ms, the same in every second.
+        state: The state of the sensor before the day.
+
+    Yields:
+        The events of each second, and the state after it.
+    """
     _, state = model.step(light[-1], state, -TICK_US, 0)
     frames = list(light)
     for second in range(DAY // SECOND):
@@ -59,7 +67,7 @@ def report(second: int, began: float, events: int) -> None:
 @pytest.mark.bench
 @pytest.mark.slow
 def test_a_day_without_noise_repeats_to_the_bit() -> None:
-    """Light with a period of a second: so are the events, in every second of the day."""
+    """Light with a period of one second gives the same events in every second of the day."""
     waves = Waves.of(SIDE, 4.0, 3, whole=True)
     light = np.stack([waves.luminance((k + 1) * TICK_US) for k in range(SECOND)])
     model = PlainModel(IDEAL, 1)
@@ -77,14 +85,14 @@ def test_a_day_without_noise_repeats_to_the_bit() -> None:
         report(second, began, events)
         if second == 60:
             memory = resident_bytes()
-    # 16 bytes in two thousand ticks would be over this
+    # a leak of 16 bytes every two thousand ticks would exceed this
     assert resident_bytes() - memory < 2**19
 
 
 @pytest.mark.bench
 @pytest.mark.slow
 def test_a_day_of_noise_keeps_its_rates() -> None:
-    """Every term of the pixel on; the left half is seen by moving light, the right by still."""
+    """Every term of the pixel is on; the left half sees moving light, the right still light."""
     sensor = SensorParameters(
         "noisy", SIDE, SIDE, 0.2, 0.2, 0.03, exposure_dn=1.0,
         cutoff_hz=200.0, follower_hz=1000.0, highpass_hz=0.01,
@@ -97,7 +105,7 @@ def test_a_day_of_noise_keeps_its_rates() -> None:
     light[:, :, SIDE // 2 :] = light[0, :, SIDE // 2 :]
     model = PlainModel(sensor, 1)
     began, events = time.perf_counter(), 0
-    hours = np.zeros((DAY // HOUR, 2, 2), np.int64)  # of moving or still light, OFF or ON
+    hours = np.zeros((DAY // HOUR, 2, 2), np.int64)  # [hour, moving or still light, OFF or ON]
     copy = None
     for second, (found, state) in enumerate(seconds(model, light, model.init(0))):
         events += len(found)
@@ -105,7 +113,7 @@ def test_a_day_of_noise_keeps_its_rates() -> None:
         hours[second // (HOUR // SECOND)] += np.bincount(
             still * 2 + found["p"], minlength=4
         ).reshape(2, 2)
-        # once an hour, a saved and restored copy lives through the same second
+        # once an hour, a copy that was saved and restored simulates the same second
         if copy is not None:
             begin_us, parts = second * SECOND * TICK_US, []
             other = PlainModel(sensor, 1)
@@ -122,14 +130,14 @@ def test_a_day_of_noise_keeps_its_rates() -> None:
     print()
     for kind, name in enumerate(("moving", "still")):
         for polarity, sign in enumerate(("OFF", "ON")):
-            counts = hours[1:, kind, polarity]  # the first hour has settling in it
+            counts = hours[1:, kind, polarity]  # the sensor settles in the first hour
             print(f"  {name} {sign}: {counts.mean() / 3600 / 32:.4f} Hz a pixel, "
                   f"hours {counts.min()} ... {counts.max()}, chi-square "
                   f"{((counts - counts.mean()) ** 2 / counts.mean()).sum():.1f} of 22")  # fmt: skip
-            # no hour unlike the others (Poisson at most: noise is, leak and light vary less)
+            # no hour differs from the others (noise varies as Poisson, leak and light less)
             chi_square = ((counts - counts.mean()) ** 2 / counts.mean()).sum()
             assert chi_square < stats.chi2.ppf(1 - 1e-4, len(counts) - 1)
-            # and no trend: slope against the deviation that Poisson counts would give it
+            # and there is no trend: the slope against its deviation for Poisson counts
             x = np.arange(len(counts)) - (len(counts) - 1) / 2
             slope = (x * counts).sum() / (x**2).sum()
             assert abs(slope) < 4 * np.sqrt(counts.mean() / (x**2).sum())

@@ -19,14 +19,14 @@ from evs.msgs import EvsError
 TICK_S = 0.001
 
 _seconds = st.sampled_from([0.0, 0.0, 1e-4, 2e-3, 0.2]) | st.floats(0.0, 1.0)
-# ticks, ticks at once, and messages of a file that stand a little out of order
+# a tick, several ticks at once, and messages of a file that are slightly out of order
 _steps_us = st.sampled_from([1000, 1000, 100, 0, -500, 40_000])
 
 
 def ticking(
     clock: ManualClock, pacer: Pacer, costs_s: Callable[[int], float], ticks: int
 ) -> list[tuple[float, float]]:
-    """(wall s, late s) at each tick's end; a tick costs so much."""
+    """Return (wall s, late s) at the end of each tick, where tick k costs costs_s(k) seconds."""
     found = []
     begin_s = clock.now_s
     pacer.start(0)
@@ -51,14 +51,14 @@ def test_laps_belong_to_their_stages_and_a_tick_is_their_sum() -> None:
     watch: StopWatch = StopWatch(clock)
     meter: Meter = watch
     for tick in range(100):
-        clock.now_s += 7.0  # between ticks: nobody's
+        clock.now_s += 7.0  # between ticks: belongs to no stage
         watch.begin_tick()
         clock.now_s += 0.001
         meter.lap("world")
         clock.now_s += 0.002
         meter.lap("render")
         clock.now_s += 5.0
-        watch.skip()  # waiting: nobody's
+        watch.skip()  # waiting: belongs to no stage
         clock.now_s += 0.003
         meter.lap("world")
         clock.now_s += 0.1 if tick == 99 else 0.004
@@ -134,9 +134,9 @@ def test_a_long_first_tick_is_preparation_and_not_late() -> None:
     pacer.wait_until(1000)
     pacer.wait_until(2000)
     assert (pacer.worst_late_s, pacer.slipped_s) == (0.0, 0.0)
-    # time began when it was over
+    # time began when the preparation was over
     assert clock.now_s - 103.0 == pytest.approx(0.001)
-    # and so it is after each start
+    # and the same holds after each start
     pacer.start(0)
     clock.now_s += 3.0
     pacer.wait_until(1000)
@@ -168,7 +168,7 @@ def test_a_clock_that_goes_back_is_not_waited_for() -> None:
         if tick == 200:
             clock.now_s -= 0.5
         pacer.wait_until(1000 * tick)
-    # no wait is longer than a tick, and all of them are as long as simulated time
+    # no wait is longer than a tick, and together they are as long as simulated time
     assert max(clock.slept) == pytest.approx(0.0005)
     assert sum(clock.slept) == pytest.approx(0.15)
     assert pacer.went_back_s == pytest.approx(3600.5)
@@ -188,13 +188,13 @@ def test_several_ticks_may_be_waited_for_at_once() -> None:
 
 def test_a_hiccup_below_catch_up_s_leaves_no_trace() -> None:
     clock = ManualClock()
-    # as much as is caught up with by default
+    # the default of catch_up_s is long enough
     pacer = Pacer(1.0, clock, clock.sleep)
     times = ticking(clock, pacer, lambda tick: 0.08 if tick == 100 else 0.0, 1000)
     assert times[-1][0] == pytest.approx(1.0)
     assert (pacer.slips, pacer.slipped_s) == (0, 0.0)
     assert pacer.worst_late_s == pytest.approx(0.079)
-    # 79 ms late, and one less in each tick after it
+    # 79 ms late, and 1 ms less in each tick after that
     assert sum(late > 1e-9 for _, late in times) == 79
     assert pacer.report()["late_ms"]["worst"] == pytest.approx(79, abs=1e-3)
 
@@ -207,7 +207,7 @@ def test_a_long_pause_slips_by_what_is_beyond_and_races_for_no_more_than_that() 
     assert pacer.slipped_s == pytest.approx(5.0 - TICK_S - 0.02)
     assert times[-1][0] == pytest.approx(1.0 + pacer.slipped_s)
     walls = [wall for wall, _ in times]
-    # ticks closer than a tick after the pause: 20 ms of them, and never again
+    # after the pause, 20 ms of ticks are closer together than a tick, and no others ever
     fast = [k for k in range(100, 1000) if walls[k] - walls[k - 1] < 0.5 * TICK_S]
     assert len(fast) == 20
     assert fast[-1] < 125
@@ -228,8 +228,8 @@ def test_a_machine_that_is_too_slow_slows_simulated_time_and_lateness_is_bounded
     clock = ManualClock()
     pacer = Pacer(1.0, clock, clock.sleep, catch_up_s=0.05)
     times = ticking(clock, pacer, lambda _: 0.002, 2000)
-    # every tick is there, at half the speed, and late by at most what is caught up with
-    # (what the first takes too long is preparation)
+    # every tick happens, at half the speed, and is late by at most catch_up_s and a tick
+    # (the excess of the first tick counts as preparation)
     assert times[-1][0] == pytest.approx(4.0)
     assert pacer.slipped_s == pytest.approx(4.0 - 2.0 - 0.05 - TICK_S)
     assert max(late for _, late in times) == pytest.approx(0.051)
@@ -269,7 +269,17 @@ def test_a_clock_that_goes_forward_never_went_back(
     told: bool,
     ticks: list[tuple[float, int, float]],
 ) -> None:
-    """In: ticks, (work before it, us of it, by how much a sleep is too long)."""
+    """The pacer never believes that a clock went back which only went forward.
+
+    Args:
+        speed: Simulated seconds per second of the wall clock.
+        catch_up_s: The lateness that is caught up with.
+        start_s: The wall clock at the start.
+        start_us: The simulated time at the start.
+        told: Whether the pacer is started explicitly, or by its first wait.
+        ticks: For each tick, the work before it in s, its length in us, and by how much a sleep
+            in it is too long, in s.
+    """
     now, t_us, over_s = [start_s], start_us, [0.0]
 
     def sleep(wait_s: float) -> None:

@@ -114,7 +114,11 @@ class Controller:
 
 
 def in_process(*steps: tuple[int, int]) -> dict[str, Any]:
-    """What the same steps give without any wire. In: (count, ticks) each."""
+    """Return what the same steps give without any network.
+
+    Args:
+        *steps: (count, ticks) of each run of steps: how many, and how many ticks each one takes.
+    """
     sensor = SensorConfig("dvs128", width=WIDTH, height=HEIGHT)
     delays = evs.DelayConfig(transport_us=1500, drop_share=0.02)
     render = evs.RenderConfig(spp=1)

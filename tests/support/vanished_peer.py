@@ -1,9 +1,9 @@
-"""One socket of the bus, its inbound queue full, whose peer vanishes; then another peer comes.
+"""One socket of the bus, with a full inbound queue, whose peer vanishes; then another peer comes.
 
     python vanished_peer.py KIND SECONDS
 
-The peer is bytes on a plain socket, so that it can do what a ZeroMQ of ours never does. SECONDS
-pass between its end and the next use of the socket. Prints "alive" if all works.
+The peer is bytes on a plain socket, so that it can do what our ZeroMQ never does. SECONDS pass
+between its end and the next use of the socket. The program prints "alive" if everything works.
 """
 
 from __future__ import annotations
@@ -25,19 +25,24 @@ from evs.msgs.packet import packb
 
 ANY = "tcp://127.0.0.1:0"
 MESSAGES = 3000
-"""three times what waits in a socket by default"""
+"""three times as many as wait in a socket by default"""
 GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\0") + bytes(32)
 
 
 def frame(body: bytes, flags: int = 0) -> bytes:
-    """One of ZMTP. In: flags, 1 more follows, 4 a command."""
+    """Return a frame of ZMTP.
+
+    Args:
+        body: The bytes that it carries.
+        flags: 1 if more frames of the message follow, 4 for a command; their sum for both.
+    """
     if len(body) < 256:
         return bytes([flags, len(body)]) + body
     return bytes([flags | 2]) + len(body).to_bytes(8, "big") + body
 
 
 def ready(kind: str, identity: bytes) -> bytes:
-    """The end of a handshake without keys."""
+    """Return the last message of a handshake without keys."""
     told = {b"Socket-Type": kind.encode(), b"Identity": identity}
     rows = (bytes([len(k)]) + k + len(v).to_bytes(4, "big") + v for k, v in told.items())
     return frame(b"\x05READY" + b"".join(rows), 4)
@@ -45,41 +50,41 @@ def ready(kind: str, identity: bytes) -> bytes:
 
 PING = frame(b"\x04PING" + bytes(2), 4)
 OPEN: list[socket.socket] = []
-"""to be closed at the end"""
+"""sockets that are closed at the end"""
 
 
 class Peer:
-    """Bytes on a socket, after a handshake that does not wait for the other end's."""
+    """Bytes on a socket, after a handshake that does not wait for that of the other end."""
 
     def __init__(self, link: socket.socket, kind: str, identity: bytes = b"") -> None:
         self.link = link
         OPEN.append(link)
         link.settimeout(0.5)
         link.sendall(GREETING + ready(kind, identity))
-        # until its own handshake has come, it may not be listening yet
+        # until the handshake of the other end has come, it may not be listening yet
         self.heard = b""
         while len(self.heard) < len(GREETING) + 2 or b"READY" not in self.heard:
             self.heard += link.recv(65536)
 
     @classmethod
     def to(cls, address: str, kind: str, identity: bytes = b"") -> Peer:
-        """Connect."""
+        """Connect to an address as a socket of this kind."""
         port = int(address.rpartition(":")[2])
         return cls(socket.create_connection(("127.0.0.1", port), timeout=10), kind, identity)
 
     def flood(self, message: bytes) -> None:
-        """Say it many times, as far as it is taken."""
+        """Send a message MESSAGES times, or as often as the other end takes it."""
         with suppress(TimeoutError):
             self.link.sendall(message * MESSAGES)
 
     def vanish(self) -> None:
-        """Without a good-bye: the other end is told by the system, or by nobody."""
+        """Close without a goodbye: only the system may notify the other end."""
         self.link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         self.link.close()
 
 
 class Server:
-    """A port of such peers."""
+    """A port that accepts such peers."""
 
     def __init__(self) -> None:
         self.port = socket.create_server(("127.0.0.1", 0))
@@ -88,7 +93,7 @@ class Server:
         self.address = f"tcp://127.0.0.1:{self.port.getsockname()[1]}"
 
     def peer(self, kind: str) -> Peer:
-        """The next that comes."""
+        """Accept the next peer."""
         return Peer(self.port.accept()[0], kind)
 
 
@@ -98,7 +103,7 @@ def packet(seq: int) -> EventPacket:
 
 
 def subscriber(wait: Callable[[], None]) -> None:
-    """SUB. Both of its connections."""
+    """SUB, with both of its connections."""
     header, raw = encode(packet(0))
     message = frame(b"events/cam", 1) + frame(header, 1) + frame(bytes(raw))
     server = Server()
@@ -151,17 +156,17 @@ def latest_port(wait: Callable[[], None]) -> None:
 
 
 def control_port(wait: Callable[[], None]) -> None:
-    """ROUTER, asked much."""
+    """ROUTER, flooded with requests."""
     asked = frame(b"", 1) + frame(packb({"request": "describe"}))
     publisher(wait, "control_address", asked)
 
 
 def lockstep_server(wait: Callable[[], None]) -> None:
-    """ROUTER of lock-step, and a second client that comes under the first one's name."""
+    """ROUTER of lock-step, and a second client that uses the name of the first."""
     server = ServerEnd(ANY, ServerKeys(), 1 << 20)
     peers = [Peer.to(server.address, "DEALER", b"twice") for _ in range(2)]
     for peer in peers:
-        # the second has the first one's place
+        # the second takes the place of the first
         with suppress(OSError):
             peer.flood(frame(packb({"request": "hello", "number": 1})) + PING)
         peer.vanish()
@@ -193,7 +198,7 @@ def lockstep_client(wait: Callable[[], None]) -> None:
 
 
 def control_client(wait: Callable[[], None]) -> None:
-    """REQ, of the control port."""
+    """REQ, at the control port."""
     server = Server()
 
     def answer() -> None:

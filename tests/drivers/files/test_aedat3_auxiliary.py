@@ -52,21 +52,28 @@ def samples(*stamps: int) -> Any:
 
 
 def packet(kind: int, size: int, stamp_at: int, *events: bytes, overflow: int = 0) -> bytes:
-    """A packet by hand."""
+    """Return a packet, packed by hand."""
     count = len(events)
     head = struct.pack("<hhiiiiii", kind, 1, size, stamp_at, overflow, count, count, count)
     return head + b"".join(events)
 
 
 def frame(pixels: Any, stamps: tuple[int, ...], channels: int = 1, info: int = 1) -> bytes:
-    """A frame by hand. In: stamps of begin, end, exposure's begin and end."""
+    """Return a frame event, packed by hand.
+
+    Args:
+        pixels: The image (h, w) of whole numbers; w counts channels, too.
+        stamps: Begin and end of the frame, begin and end of the exposure, us.
+        channels: How many channels the header declares.
+        info: The other bits of the info word.
+    """
     sides = pixels.shape[1], pixels.shape[0]
     head = struct.pack("<I8i", info | channels << 1, *stamps, *sides, 0, 0)
     return head + pixels.astype("<u2").tobytes()
 
 
 def record(path: Path) -> None:
-    """Two ticks with everything, the second behind the clock's wrap."""
+    """Record two ticks with all kinds of data; the clock wraps between the two."""
     sink: Any = files.recorder_for(path)
     sink.open([STREAM])
     for seq, begin in enumerate((100, WRAP - 100)):
@@ -93,7 +100,7 @@ def test_frames_and_samples_come_back(tmp_path: Path) -> None:
         np.testing.assert_allclose(got.imu[name][:2], samples(0, 1)[name], rtol=1e-6)
     found = files.summary(path)
     assert (found.frames, found.imu_samples, found.left_out) == (2, 4, {})
-    # what is of a tick comes before its events
+    # the frames and samples of a tick come before its events
     kinds = [type(message).__name__ for message in files.messages(path)]
     assert kinds[:3] == ["ImuPacket", "Frame", "EventPacket"] or kinds[:3] == [
         "Frame", "ImuPacket", "EventPacket"
@@ -158,7 +165,7 @@ def test_foreign_files_are_read(tmp_path: Path) -> None:
         packet(4, 48, 4, nine),
         packet(3, 36, 4, broken, six),
     ]
-    # its sides, not the row's
+    # the width in pixels, not the length of a row of channels
     packets[1] = packets[1].replace(struct.pack("<2i", 18, 4), struct.pack("<2i", 6, 4))
     path.write_bytes(header() + b"".join(packets))
     stream = files.stream_of(path)
@@ -180,7 +187,7 @@ def test_foreign_files_are_read(tmp_path: Path) -> None:
 
 
 def serialised(events: list[tuple[int, int]]) -> bytes:
-    """Events (data, stamp) as cAER packs them, one by one."""
+    """Pack events (data, stamp) as cAER does, one by one."""
     out, at = b"", 0
     while at < len(events):
         end = at
@@ -202,7 +209,7 @@ def test_runs_of_one_stamp_are_expanded(seed: int) -> None:
     random = np.random.default_rng(seed)
     count = int(random.integers(0, 200))
     stamps = np.cumsum(random.integers(0, (1, 2, 3, 9)[seed % 4] + 1, count))
-    # data with bit 31 set is x from 16384 on
+    # data with bit 31 set means an x of 16384 or more
     data = random.integers(0, 1 << 32, count)
     body = serialised(list(zip(data.tolist(), stamps.tolist(), strict=True)))
     got = expanded(body, count)
@@ -234,7 +241,7 @@ def test_compressed_files_are_read(tmp_path: Path) -> None:
         stamps = tuple(40 * seed + at for at in (-30, 0, -20, -10))
         head = frame(np.zeros((4, 6)), stamps, info=1 | 1 << 31)[:36]
         pictures.append(head + struct.pack("<i", len(data)) + data)
-    # a frame that did not become smaller
+    # a frame that compression did not make smaller
     pictures.insert(1, frame(image(7), (41, 44, 42, 43)))
     frames = packed(2, 84, 12, 3, b"".join(pictures))
     path.write_bytes(header("Compressed") + packed(1, 8, 4, 5, serialised(events)) + frames)

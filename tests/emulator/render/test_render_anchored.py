@@ -27,9 +27,14 @@ def see(
     spp: int = 1,
     first: str = "",
 ) -> F32:
-    """(128, 128) luminance of a table under an even sky, moved by `shift`, m; a pixel is 1/64 m.
+    """Render a table under an even sky: luminance, (128, 128) float32; a pixel is 1/64 m wide.
 
-    In: first, a geom before it.
+    Args:
+        sampler: The sampler of `path`.
+        shift: Where the table is moved to, m.
+        shape: The shape of the table: a box or a plane.
+        spp: Samples per pixel.
+        first: MJCF of a geom that is declared before the table.
     """
     model = mujoco.MjModel.from_xml_string(
         TABLE.format(shape=shape, first=first, shift="{:.9f} {:.9f} {:.9f}".format(*shift))
@@ -50,17 +55,17 @@ def correlation(a: F32, b: F32) -> float:
 def test_noise_moves_with_the_surface(spp: int) -> None:
     pixels = 5
     moved = (pixels * PIXEL, 0.0, 0.0)
-    least = 4.5 / SIDE  # pearson's r of 128 x 128 independent numbers has the deviation 1 / 128
+    least = 4.5 / SIDE  # the deviation of Pearson's r of 128 x 128 independent numbers is 1 / 128
     anchored, later = see("anchored", (0, 0, 0), spp=spp), see("anchored", moved, spp=spp)
     assert correlation(anchored[:, :-pixels], later[:, pixels:]) > 2 * least
     assert abs(correlation(anchored, later)) < least
-    # that of owen stays with the pixels
+    # the noise of owen stays with the pixels
     np.testing.assert_allclose(see("owen", (0, 0, 0), spp=spp), see("owen", moved, spp=spp), 1e-5)
 
 
 @pytest.mark.parametrize("shape", ["box", "plane"])
 def test_a_hair_of_motion_keeps_the_noise(shape: str) -> None:
-    # a plane lies at z = 0 of its frame and the table's top at 8 cells: rounding is on both sides
+    # a plane lies at z = 0 of its frame, and the table's top at 8 cells: values round either way
     before, after = (see("anchored", (0.3 + d, 0.2 - d, 1e-3 + d), shape) for d in (0.0, 2e-7))
     assert np.std(before) > 0.005
     assert np.mean(np.abs(after - before) > 1e-5) < 0.01

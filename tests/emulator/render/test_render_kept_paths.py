@@ -1,4 +1,4 @@
-"""Paths with a camera that stands: what is kept is what would be traced, bit for bit."""
+"""Paths under a still camera: what is kept equals what would be traced anew, bit for bit."""
 
 from __future__ import annotations
 
@@ -17,12 +17,18 @@ TICKS, SIZE = 12, (29, 22)
 def still_film(
     stage: RandomStage, ticks: int, lamps: bool = False
 ) -> list[tuple[SceneSnapshot, CameraPose]]:
-    """Geoms move: steadily, some of them faster or for a while only; rarely one jumps.
+    """Film a scene in which geoms move: steadily, some faster or at times only; rarely, one jumps.
 
-    In: lamps, they move too, but for ticks in which they all stand.
+    Args:
+        stage: The scene; its geoms and lamps are moved.
+        ticks: The length of the film.
+        lamps: Whether lamps move, too, except in ticks 10 to 21, in which all of them stand still.
+
+    Returns:
+        The snapshot and the pose of the camera of each tick.
     """
     rng, count, frames = stage.rng, len(stage.geom_pos), []
-    # a plane or a lamp that moves changes everything: in few scenes one does
+    # a plane or a lamp that moves changes everything, so only in a few scenes does one move
     glow = np.array([surface.emission > 0 for surface in stage.scene.surfaces])
     everywhere = (stage.scene.geom_type == Shape.PLANE) | glow[stage.scene.geom_surface]
     free = np.flatnonzero(~everywhere | (rng.random() < 0.2))
@@ -48,10 +54,10 @@ def shares(
     flicker: tuple[object, ...] = (),
     **stage: object,
 ) -> list[float]:
-    """Traced shares of all ticks but the first.
+    """Return the traced shares of all ticks but the first.
 
-    One thread and more, any instruction set, one sample a pixel or some: all give the bytes of the
-    full trace.
+    With one thread or more, any instruction set, and one sample per pixel or several, the bytes
+    are those of the full trace.
     """
     found = []
     for seed in seeds:

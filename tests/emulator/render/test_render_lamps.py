@@ -23,10 +23,10 @@ SIZE = 32
 def seen(
     model: mujoco.MjModel, scene: SceneModel | None = None, size: int = SIZE, **render: object
 ) -> np.ndarray:
-    """(size, size, 3) linear colour, as the model's first camera sees it."""
+    """Return what the model's first camera sees: linear colour, (size, size, 3) float64."""
     bound = bind_camera(model, "", size, size)
     frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-    # images of light are given as numbers here
+    # the images of image lights hold linear values here
     config = RenderConfig(**{"spp": 1, "linear_textures": ("sky",), **render})  # type: ignore[arg-type]
     renderer = DirectRenderer(scene or extract_scene(model), bound.model, config, 1, rgb=True)
     renderer.render(frame, frame.cameras[0])
@@ -39,7 +39,7 @@ def load(xml: str) -> mujoco.MjModel:
 
 
 def linear(coded: object) -> np.ndarray:
-    """sRGB to linear light (IEC 61966-2-1)."""
+    """Convert sRGB code to linear light (IEC 61966-2-1)."""
     c = np.asarray(coded, np.float64)
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 
@@ -84,7 +84,13 @@ def test_a_spot_without_an_intensity_keeps_its_exponent() -> None:
 
 
 def sky_of(faces: np.ndarray, light: str = "", material: str = PAPER) -> mujoco.MjModel:
-    """A large ball in the light of an image. In: faces (6, w, w, 3) uint8."""
+    """Return the model of a large ball in the light of an image.
+
+    Args:
+        faces: The cube map, (6, w, w, 3) uint8.
+        light: The intensity of the image light, cd/m^2; "" leaves the default.
+        material: MJCF of the ball's material, `paper`.
+    """
     spec = mujoco.MjSpec.from_string(f"""<mujoco>{DARK}<asset>{material}</asset><worldbody>
         <camera pos="0 -4 0" xyaxes="1 0 0 0 0 1" projection="orthographic" fovy="2"/>
         <geom size="1" material="paper"/></worldbody></mujoco>""")
@@ -102,7 +108,7 @@ def sky_of(faces: np.ndarray, light: str = "", material: str = PAPER) -> mujoco.
 
 
 def ball_normals() -> tuple[np.ndarray, np.ndarray]:
-    """(n, 3) normals of the ball's pixels, and which those are."""
+    """Return the normals (n, 3) of the pixels that show the ball, and their mask (SIZE, SIZE)."""
     x, z = np.meshgrid(
         (np.arange(SIZE) + 0.5) / SIZE * 2 - 1, 1 - (np.arange(SIZE) + 0.5) / SIZE * 2
     )
@@ -111,7 +117,7 @@ def ball_normals() -> tuple[np.ndarray, np.ndarray]:
 
 
 def faces_of(radiance: object, width: int = 32) -> np.ndarray:
-    """(6, w, w, 3) uint8 image of radiance(directions (n, 3)) -> (n,): OpenGL's cube, y up."""
+    """Draw radiance(directions (n, 3)) -> (n,) as OpenGL's cube map, y up: (6, w, w, 3) uint8."""
     at = (np.arange(width) + 0.5) / width * 2 - 1
     s, t = np.meshgrid(at, at)
     one = np.ones_like(s)
@@ -127,7 +133,7 @@ def test_an_even_image_is_a_furnace() -> None:
     faces = np.full((6, 8, 8, 3), (255, 51, 102), np.uint8)
     _, on = ball_normals()
     np.testing.assert_allclose(seen(sky_of(faces))[on], [[1, 0.2, 0.4]] * on.sum(), rtol=1e-5)
-    # white texels of 1000 / pi cd/m^2 are 1000 lux on everything
+    # white texels of 1000 / pi cd/m^2 give 1000 lux on every surface
     bright = seen(sky_of(faces, light=str(1000 / np.pi)))
     np.testing.assert_allclose(bright[on], [[1, 0.2, 0.4]] * on.sum(), rtol=1e-5)
 
@@ -135,7 +141,7 @@ def test_an_even_image_is_a_furnace() -> None:
 def test_an_image_lights_from_where_its_faces_are() -> None:
     faces = faces_of(lambda d: 0.5 + d @ [0.2, 0.1, -0.15])
     normals, on = ball_normals()
-    # a gradient in radiance arrives as two thirds of it
+    # two thirds of a gradient in radiance arrive at the surface
     expected = 0.5 + 2 / 3 * normals @ np.array([0.2, 0.1, -0.15])
     np.testing.assert_allclose(seen(sky_of(faces))[on][:, 0], expected, atol=2e-3)
 
@@ -143,12 +149,12 @@ def test_an_image_lights_from_where_its_faces_are() -> None:
 def test_half_a_sky_lights_by_the_view_factor() -> None:
     faces = faces_of(lambda d: (d[:, 2] > 0).astype(float))
     normals, on = ball_normals()
-    # (1 + cos) / 2 of the upper half is seen, which order 2 has exactly
+    # a surface sees (1 + cos) / 2 of the upper half, which order 2 represents exactly
     np.testing.assert_allclose(seen(sky_of(faces))[on][:, 0], (1 + normals[:, 2]) / 2, atol=5e-3)
 
 
 def test_a_hard_sky_is_lit_as_well_as_order_two_can() -> None:
-    # the upper face alone shines: the integral over its texels, cosine over distance^3 each
+    # only the upper face shines: integrate the cosine over distance^3 over its texels
     faces = np.zeros((6, 16, 16, 3), np.uint8)
     faces[2] = 255
     normals, on = ball_normals()
@@ -159,7 +165,7 @@ def test_a_hard_sky_is_lit_as_well_as_order_two_can() -> None:
     expected = cosines @ ((towards**2).sum(-1) ** -2.0) / np.pi / 32**2
     assert expected.max() > 0.5
     light = seen(sky_of(faces))[on][:, 0]
-    # Ramamoorthi and Hanrahan 2001: no more than 9 % of the brightest anywhere, 3 % in the mean
+    # Ramamoorthi and Hanrahan 2001: at most 9 % of the brightest anywhere, and 3 % on average
     assert np.abs(light - expected).max() < 0.09 * expected.max()
     assert np.abs(light - expected).mean() < 0.03 * expected.max()
     assert (light >= 0).all()
@@ -224,8 +230,8 @@ def horizon(height: float = 3.0, size: float = 0, sky: str = SKY, haze: float = 
 
 @pytest.mark.parametrize("ratio", [0.2, 0.5, 0.8])
 def test_haze_lies_where_mujoco_draws_it(ratio: float) -> None:
-    # MuJoCo's cone: from the plane at 1 - ratio of 0.7 zfar up to the eye's height at all of it;
-    # opaque before the foot of the sky, a wall of that radius in which the plane ends
+    # MuJoCo's cone rises from the plane at (1 - ratio) 0.7 zfar to the eye's height at 0.7 zfar;
+    # it is opaque in front of the foot of the sky, a wall of that radius where the plane ends
     size, height, rim = 96, 3.0, 0.7 * 50
     light = seen(load(horizon(height, haze=ratio)), size=size)
     slope = ((np.arange(size) + 0.5) / size * 2 - 1) * np.tan(np.deg2rad(10))  # down

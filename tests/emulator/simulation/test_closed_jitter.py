@@ -24,7 +24,15 @@ TERMS = (Term.TRANSPORT, Term.CONTROL)
 
 
 def delays_of(term, link, delay_us, jitter_us, gap_us):
-    """How long each message took, us. In: gap_us, between two of them."""
+    """Return how long each message took on a link, us, (SENT,) float64.
+
+    Args:
+        term: The term of the link's random numbers.
+        link: The number of the link.
+        delay_us: The declared delay.
+        jitter_us: The standard deviation of the delay.
+        gap_us: The time between two messages.
+    """
     made = Link(delay_us, jitter_us, LinkNoise(12, term, link))
     for number in range(SENT):
         assert made.send(number, number * gap_us)
@@ -39,10 +47,10 @@ def test_delays_are_normal_around_the_declared_one(term, jitter_us):
     variance = jitter_us**2 + 1 / 12
     assert abs(took.mean() - 50_000) < 5 * math.sqrt(variance / SENT)
     assert abs(took.var() - variance) < 5 * variance * math.sqrt(2 / SENT)
-    # of the sorted differences from a normal distribution, rounding apart
+    # the distribution is normal, apart from rounding
     spread = took + np.random.default_rng(1).uniform(-0.5, 0.5, SENT)
     assert stats.kstest(spread, "norm", (50_000, jitter_us)).pvalue > 1e-6
-    # neighbours know nothing of each other
+    # neighbours are independent
     same = np.corrcoef(took[1:], took[:-1])[0, 1]
     assert abs(same) < 5 / math.sqrt(SENT)
 
@@ -88,12 +96,12 @@ def test_a_loop_hands_packets_out_as_late_as_the_jitter_says():
             late[packet.camera].append((seen.t_us - packet.time_end_us - 5000) // tick_us)
     for name, decisions in late.items():
         count = len(decisions)
-        # those still on their way are neither
+        # packets that are still on their way count as neither
         sent = count + loop.dropped[name]
         assert ticks - 53 <= sent <= ticks
         assert abs(loop.dropped[name] - 0.1 * ticks) < 5 * math.sqrt(ticks * 0.09)
         assert set(decisions) == {0, 1}
-        # round(20 N) > 0, so that a jitter under half a microsecond does not count
+        # late means round(20 N) > 0: a jitter below half a microsecond does not count
         share = stats.norm.sf(0.5 / 20)
         assert abs(np.mean(decisions) - share) < 5 * math.sqrt(share * (1 - share) / count)
     both = min(map(len, late.values()))

@@ -17,24 +17,31 @@ class Camera:
     """A sink in a process at one end, fed a thousand packets a second."""
 
     def __init__(self, side: Side, kind: str, *, events: int = 3000, **options: Any) -> None:
-        """In: kind, bus, dv or ros2; events in a packet; options of the sink, its address too."""
+        """Start the program and wait until it has reported its addresses.
+
+        Args:
+            side: The end of the link at which the camera runs.
+            kind: The kind of sink: bus, dv or ros2.
+            events: How many events each packet holds.
+            **options: Arguments of the sink, among them its address.
+        """
         command = [sys.executable, "-W", "error", str(PROGRAM), kind, str(events)]
         self.program = side.run([*command, json.dumps(options)], stdin=-1, stdout=-1, text=True)
         self.where: dict[str, Any] = self._said()
 
     def look(self) -> dict[str, Any]:
-        """How it goes: seq, late_s, slowest_s, memory_kb, here (who listens, as it believes)."""
+        """Return its progress: seq, late_s, slowest_s, memory_kb, here (known listeners)."""
         return self._ask("look")
 
     def wait(self, name: str, least: int, most: int = sys.maxsize, patience_s: float = 60) -> None:
-        """Until what it says of a name lies within these."""
+        """Wait until the value that it reports under `name` lies between `least` and `most`."""
         deadline_s = monotonic_s() + patience_s
         while not least <= (found := self.look()[name]) <= most:
             assert monotonic_s() < deadline_s, f"{name} is {found}, not {least} ... {most}"
             sleep_s(0.05)
 
     def stop(self) -> dict[str, Any]:
-        """Its report: what the sink says at the end, seq, slowest_s and closing_s."""
+        """Stop it and return its report: that of the sink, and seq, slowest_s, closing_s."""
         said = self._ask("stop")
         assert self.program.wait(60) == 0
         return said
@@ -44,7 +51,7 @@ class Camera:
             self.program.stdin.write(f"{word}\n")
             self.program.stdin.flush()
         except BrokenPipeError:
-            # the line that it does not say tells more
+            # the missing answer fails with a better message
             pass
         return self._said()
 

@@ -1,7 +1,7 @@
 """Two network namespaces and a cable between them, for tests of what a real link does.
 
-No name is registered anywhere: a namespace lives as long as the `cat` that holds it, and that ends
-with its pipe. So nothing stays behind, however the test ends.
+No name is registered anywhere: a namespace lives as long as the `cat` that holds it, which ends
+with its pipe. So nothing is left behind, however the test ends.
 """
 
 from __future__ import annotations
@@ -24,14 +24,23 @@ _CARD = "evs0"
 
 
 class NoLinkError(Exception):
-    """This machine does not permit it; one line says why."""
+    """This machine does not permit such a link; the message gives the reason in one line."""
 
 
 class Side:
-    """One end: a namespace of its own, with a loopback and a network card."""
+    """One end: a namespace of its own, with a loopback device and a network card."""
 
     def __init__(self, number: int, unshare: list[str], enter: list[str]) -> None:
-        """In: unshare, the command that makes a namespace; enter, the one that goes into it."""
+        """Make the namespace.
+
+        Args:
+            number: The number of the end, 1 or 2: the last part of its addresses.
+            unshare: The command that makes a namespace.
+            enter: The command that enters it; {pid} stands for the process that holds it.
+
+        Raises:
+            NoLinkError: If the namespace cannot be made.
+        """
         self.address = f"10.77.0.{number}"
         self.address6 = f"fd77::{number}"
         self.has_ipv6 = True
@@ -54,13 +63,25 @@ class Side:
         self.ip("link", "set", "lo", "up")
 
     def run(self, command: Sequence[str], **more: Any) -> subprocess.Popen[Any]:
-        """Start a program at this end. In: more, of Popen. It is killed when the link is closed."""
+        """Start a program at this end; it is killed when the link is closed.
+
+        Args:
+            command: The program and its arguments.
+            **more: Further arguments of Popen.
+        """
         started = subprocess.Popen([*self.enter, *command], start_new_session=True, **more)
         self.programs.append(started)
         return started
 
     def ip(self, *words: str) -> None:
-        """Configure this end, as `ip` does. Raises NoLinkError."""
+        """Configure this end, as `ip` does.
+
+        Args:
+            *words: The arguments of `ip`.
+
+        Raises:
+            NoLinkError: If `ip` fails.
+        """
         done = subprocess.run([*self.enter, "ip", *words], capture_output=True, text=True)
         if done.returncode:
             raise NoLinkError(f"ip {' '.join(words)}: {done.stderr.strip()}")
@@ -70,17 +91,24 @@ class Side:
         self.ip("link", "set", _CARD, "up")
         self.ip("address", "replace", f"{self.address}/24", "dev", _CARD)
         try:
-            # one that is switched off forgets it
+            # a card that is switched off forgets this address
             self.ip("address", "replace", f"{self.address6}/64", "dev", _CARD, "nodad")
         except NoLinkError:
             self.has_ipv6 = False
 
     def bring_down(self) -> None:
-        """Switch it off."""
+        """Switch the network card off."""
         self.ip("link", "set", _CARD, "down")
 
     def shape(self, rate: str) -> None:
-        """Let no more than so much leave, as in 2mbit. Raises NoLinkError."""
+        """Limit the rate at which data leave this end.
+
+        Args:
+            rate: The limit as `tc` writes it, for example "2mbit".
+
+        Raises:
+            NoLinkError: If `tc` fails.
+        """
         words = ["qdisc", "add", "dev", _CARD, "root", "tbf", "rate", rate]
         words += ["burst", "32kbit", "latency", "5s"]
         done = subprocess.run([*self.enter, "tc", *words], capture_output=True, text=True)
@@ -88,7 +116,7 @@ class Side:
             raise NoLinkError(f"tc {' '.join(words)}: {done.stderr.strip()}")
 
     def close(self) -> None:
-        """Kill what runs here, and let go of the namespace."""
+        """Kill the programs that run here, and release the namespace."""
         for program in self.programs:
             if program.poll() is None:
                 os.killpg(program.pid, signal.SIGKILL)
@@ -97,10 +125,12 @@ class Side:
 
 
 class Link:
-    """A near end, a far end, a cable that can be pulled. Close it, or use `with`.
+    """A near end, a far end, and a cable that can be pulled. Close it, or use `with`.
 
-    Raises NoLinkError where namespaces may not be made. Root needs nothing else; others need user
-    namespaces, and are root inside.
+    Root needs nothing else; other users need user namespaces, and are root inside them.
+
+    Raises:
+        NoLinkError: If this machine does not permit making namespaces.
     """
 
     def __init__(self) -> None:
@@ -121,27 +151,36 @@ class Link:
 
     @property
     def near(self) -> Side:
-        """Where tests put the camera."""
+        """The end at which tests put the camera."""
         return self.sides[0]
 
     @property
     def far(self) -> Side:
-        """Where they put who listens."""
+        """The end at which tests put the listeners."""
         return self.sides[1]
 
     def unplug(self, at: Side | None = None) -> None:
-        """One end's card goes off (the far one's), the other loses its carrier: nothing passes."""
+        """Switch one end's card off, the far one's by default; the other end loses its carrier."""
         (at or self.far).bring_down()
 
     def plug(self) -> None:
-        """As before."""
+        """Undo `unplug`: switch both cards on."""
         for side in self.sides:
             side.bring_up()
 
     def add_rough_line(self, delay_ms: float, jitter_ms: float, loss: float) -> tuple[str, str]:
-        """A second way between the ends, a bad one; its addresses at the near and the far end.
+        """Add a second, bad line between the ends.
 
-        In: delay_ms and jitter_ms, each way (packets overtake each other); loss, share of packets.
+        Args:
+            delay_ms: The mean delay, each way.
+            jitter_ms: The largest deviation from it, each way, so that packets overtake each other.
+            loss: The share of packets that get lost, 0 ... 1.
+
+        Returns:
+            The addresses of the line at the near and at the far end.
+
+        Raises:
+            NoLinkError: If this machine does not permit it.
         """
         ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
         addresses = []
@@ -162,7 +201,7 @@ class Link:
         return addresses[0], addresses[1]
 
     def close(self) -> None:
-        """Kill what runs at both ends; the namespaces go with it. Safe to call twice."""
+        """Kill the programs at both ends; the namespaces end with them. Safe to call twice."""
         for side in self.sides:
             side.close()
         self.sides = []
@@ -185,7 +224,7 @@ class Link:
             self.sides.append(Side(number, ["unshare", "-n"], ["nsenter", "-t", "{pid}", "-n"]))
 
     def _as_user(self) -> None:
-        """Root of a user namespace, which both ends share."""
+        """Make the ends as the root of a user namespace, which both share."""
         enter = ["nsenter", "-t", "{pid}", "-U", "-n", "--preserve-credentials"]
         self.sides.append(Side(1, ["unshare", "-r", "-n"], enter))
         self.sides.append(Side(2, [*self.near.enter, "unshare", "-n"], enter))

@@ -1,5 +1,7 @@
-"""A Ray cluster of several nodes on this machine: processes of `ray start`, each on a loopback
-address of its own, which end with the block."""
+"""A Ray cluster of several nodes on this machine.
+
+Each node is a process of `ray start` on a loopback address of its own, and ends with the block.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +20,11 @@ from pathlib import Path
 from typing import IO
 
 STORE_BYTES = 80_000_000
-"""of each node's object store; Ray takes no less than 75 MB"""
+"""the size of each node's object store; Ray accepts no less than 75 MB"""
 
 
 class Nodes:
-    """The nodes. Each is one `ray start`, and all that came of it."""
+    """The nodes. Each is one `ray start` and all processes that it started."""
 
     def __init__(self, folder: str) -> None:
         self.folder = folder
@@ -34,7 +36,15 @@ class Nodes:
         return f"127.0.0.2:{self.port}"
 
     def add(self, cores: int = 1, before: str = "") -> int:
-        """Start a node; its place. In: before, a folder that its Python finds first."""
+        """Start a node.
+
+        Args:
+            cores: How many cores the node offers.
+            before: A folder that its Python searches first.
+
+        Returns:
+            The place of the node: 0 for the head.
+        """
         place = len(self.groups)
         head = ["--head", "--port", str(self.port), "--include-dashboard", "false"]
         words = [
@@ -57,11 +67,11 @@ class Nodes:
         return place
 
     def environment(self, before: str = "") -> dict[str, str]:
-        """Of nodes, and of who connects to them."""
+        """Return the environment of the nodes, and of those who connect to them."""
         return {
             **os.environ,
             "PYTHONPATH": os.pathsep.join(path for path in (before, *sys.path) if path),
-            # sockets have short names, and nothing is left elsewhere
+            # the paths of sockets stay short, and nothing is left elsewhere
             "RAY_TMPDIR": self.folder,
             "TMPDIR": self.folder,
             "RAY_USAGE_STATS_ENABLED": "0",
@@ -73,7 +83,7 @@ class Nodes:
         }
 
     def kill(self, place: int) -> None:
-        """kill -9 of all of a node."""
+        """Kill all processes of a node with SIGKILL."""
         for pid in self.processes(place):
             try:
                 os.kill(pid, signal.SIGKILL)
@@ -81,7 +91,7 @@ class Nodes:
                 continue
 
     def processes(self, place: int) -> list[int]:
-        """Of one node: the session of its `ray start`."""
+        """Return the processes of one node: the session of its `ray start`."""
         found = []
         for path in Path("/proc").glob("[0-9]*/stat"):
             try:
@@ -93,7 +103,7 @@ class Nodes:
         return found
 
     def end(self) -> None:
-        """Kill all, and wait until they are gone."""
+        """Kill all nodes, and wait until they are gone."""
         until_s = time.monotonic() + 10
         while any(self.processes(place) for place in range(len(self.groups))):
             assert time.monotonic() < until_s
@@ -105,7 +115,7 @@ class Nodes:
 
 @contextmanager
 def nodes(count: int) -> Iterator[Nodes]:
-    """A cluster of so many, one core each."""
+    """Run a cluster of `count` nodes, each with one core."""
     folder = tempfile.mkdtemp(prefix="evs-ray-", dir="/tmp")
     cluster = Nodes(folder)
     try:
@@ -118,10 +128,16 @@ def nodes(count: int) -> Iterator[Nodes]:
 
 
 def reserve_port() -> tuple[int, IO[bytes]]:
-    """A port that nobody listens on, outside those that the system gives away by itself.
+    """Reserve a port that nobody listens on, outside the range that the system assigns by itself.
 
-    It is this cluster's until the file is closed: tests run side by side, and a head binds its port
-    only a second after it was chosen.
+    It belongs to this cluster until the file is closed: tests run side by side, and a head binds
+    its port only a second after it was chosen.
+
+    Returns:
+        The port, and the file that locks it.
+
+    Raises:
+        RuntimeError: If no port is free.
     """
     for port in range(26379, 26479):
         lock = Path(tempfile.gettempdir(), f"evs-ray-{port}.lock").open("wb")  # noqa: SIM115 - returned

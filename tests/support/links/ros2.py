@@ -22,7 +22,7 @@ Run = Callable[..., "subprocess.Popen[Any]"]
 
 @functools.cache
 def _built() -> tuple[str, tempfile.TemporaryDirectory[str]]:
-    """The program; a few seconds. It lies in a folder that goes with this process."""
+    """Build the program, in a few seconds, in a folder that is removed with this process."""
     compiler = shutil.which("c++") or "g++"
     probe = [compiler, "-E", "-x", "c++", "-include", "fastdds/dds/subscriber/DataReader.hpp"]
     if subprocess.run([*probe, "/dev/null"], capture_output=True).returncode:
@@ -34,13 +34,20 @@ def _built() -> tuple[str, tempfile.TemporaryDirectory[str]]:
 
 
 class Listener:
-    """Hears every topic of one node."""
+    """A program that hears every topic of one node."""
 
     def __init__(self, run: Run, domain_id: int, path: str, *, reliable: bool = False) -> None:
-        """In: run, starts a program, as subprocess.Popen or a Side's does. It is ready then."""
+        """Start the program and wait until it is ready.
+
+        Args:
+            run: Starts a program: subprocess.Popen, or the `run` of a Side.
+            domain_id: The DDS domain.
+            path: What the names of the node's topics begin with, for example "/cam".
+            reliable: Whether to demand reliable delivery of the topics that may be sent either way.
+        """
         program, folder = _built()
         words = [program, str(domain_id), str(int(reliable)), path]
-        # what it hears is more than a pipe holds
+        # it hears more than a pipe can hold
         with tempfile.NamedTemporaryFile("w", dir=folder.name, delete=False) as out:
             self.program = run(words, stdin=-1, stdout=out, stderr=subprocess.PIPE, text=True)
         self._out = Path(out.name)
@@ -48,7 +55,7 @@ class Listener:
         assert self.program.stderr.readline() == "ready\n"
 
     def heard(self) -> dict[str, list[dict[str, Any]]]:
-        """topic -> its messages, those under way too; it ends."""
+        """End the program and return topic -> messages, including those that were on their way."""
         _, errors = self.program.communicate(timeout=120)
         assert (self.program.returncode, errors) == (0, ""), (self.program.returncode, errors)
         found: dict[str, list[dict[str, Any]]] = {}

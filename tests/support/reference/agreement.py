@@ -14,40 +14,40 @@ from evs.emulator.evsnet.state import NetworkState
 from evs.msgs import Events
 
 CLOSE = 1e-4
-"""thresholds: what differences of 1e-5 of currents may add up to in a membrane"""
+"""in thresholds: what differences of 1e-5 in the currents may add up to in a membrane"""
 
 
 @dataclass(frozen=True)
 class Run:
-    """What one runtime makes of a light."""
+    """The output of one runtime for given light."""
 
     currents: F32
     """(ticks, h, w)"""
     events: list[Events]
-    """one array a tick"""
+    """one array per tick"""
     state: NetworkState
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """Of two runs."""
+    """How well two runs agree."""
 
     current_error: float
-    """largest difference of two currents, in units of the pixel's largest or of 1"""
+    """largest difference of two currents, in units of max(1, the pixel's largest current)"""
     events: int
     unpaired: int
-    """events of either run for which the other has none of that pixel, tick and polarity"""
+    """events of either run without one of the same pixel, tick and polarity in the other"""
     untied: int
-    """pixels whose first unpaired event is none of a membrane within CLOSE of a threshold"""
+    """pixels whose first unpaired event is not at a membrane within CLOSE of a threshold"""
     stamps_off: int
     """pairs whose stamps differ by more than 1 us, at pixels without a tie before"""
     misplaced: int
-    """those that a membrane within CLOSE does not explain: it reaches a threshold at another time,
-    the more so the smaller the current that carries it there"""
+    """pairs of `stamps_off` that a difference of CLOSE in the membrane does not explain: it shifts
+    the time at which the threshold is reached, the more, the smaller the current"""
 
 
 def run(model: EvsNetModel, light: F32, seed: int = 1, cut: int = 16) -> Run:
-    """All of the light, `cut` ticks at a time."""
+    """Run the model on all of the light, `cut` ticks at a time."""
     state = model.init(seed)
     currents = np.empty(light.shape, np.float32)
     events: list[Events] = []
@@ -60,12 +60,19 @@ def run(model: EvsNetModel, light: F32, seed: int = 1, cut: int = 16) -> Run:
 
 
 def compare(model: EvsNetModel, one: Run, other: Run, seed: int = 1) -> Agreement:
-    """In: model, whose thresholds and tau both have; one, the oracle."""
+    """Compare two runs on the same light.
+
+    Args:
+        model: The model whose thresholds and time constants both runs have.
+        one: The run of the oracle.
+        other: The run that is judged.
+        seed: The seed of both runs.
+    """
     first, second = _keyed(one.events), _keyed(other.events)
     unpaired = sorted(first.keys() ^ second.keys())
     near = _near_threshold(model, one.currents, seed)
     scale = np.maximum(1.0, np.max(np.abs(one.currents), axis=0))
-    # what follows a tie at the same pixel follows from it
+    # whatever follows a tie at the same pixel is a consequence of it
     tied: dict[tuple[int, int], int] = {}
     for tick, y, x, _ in unpaired:
         tied.setdefault((y, x), tick)
@@ -82,7 +89,7 @@ def compare(model: EvsNetModel, one: Run, other: Run, seed: int = 1) -> Agreemen
 
 
 def _keyed(events: list[Events]) -> dict[tuple[int, int, int, int], int]:
-    """(tick, y, x, polarity) -> stamp."""
+    """Return (tick, y, x, polarity) -> stamp, us."""
     found = {}
     for tick, some in enumerate(events):
         columns = (some[key].tolist() for key in ("y", "x", "p", "t"))
@@ -91,7 +98,7 @@ def _keyed(events: list[Events]) -> dict[tuple[int, int, int, int], int]:
 
 
 def _near_threshold(model: EvsNetModel, currents: F32, seed: int) -> np.ndarray[Any, Any]:
-    """(ticks, h, w) bool: |V'| within CLOSE of a threshold, of the oracle's own membrane."""
+    """Where the oracle's own membrane is within CLOSE of a threshold: (ticks, h, w) bool."""
     weights, sensor = model.weights, model.sensor
     on, off = sensor.pos_thres / weights.threshold, sensor.neg_thres / weights.threshold
     decay = decay_tables(weights.tau_s, weights.tick_us)

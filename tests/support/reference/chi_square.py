@@ -11,19 +11,23 @@ from scipy import stats
 F64 = npt.NDArray[np.float64]
 
 FEWEST = 10.0
-"""Expected draws of a cell; rarer cells are put together, so that the statistic is chi-square."""
+"""Fewest expected draws of a cell; rarer cells are pooled, so that the statistic is chi-square."""
 
 
 def p_of_counts(counts: F64, expected: F64) -> float:
-    """How likely draws from `expected` (mean counts of cells) differ from it as much as `counts`.
+    """Return how likely draws from `expected` differ from it as much as `counts` do.
 
-    A draw where none can be makes it 0.
+    A draw in a cell where none is possible makes it 0.
+
+    Args:
+        counts: The number of draws in each cell, of any shape.
+        expected: The mean number of draws in each cell, of the same shape.
     """
     order = np.argsort(expected, axis=None)
     counts, expected = counts.ravel()[order], expected.ravel()[order]
     if counts[expected <= 0].any():
         return 0.0
-    # cells from the rarest on, until they hold enough
+    # pool cells, from the rarest on, until they expect enough draws
     rare = np.searchsorted(expected, FEWEST)
     while rare and rare < len(expected) and expected[:rare].sum() < FEWEST:
         rare += 1
@@ -41,10 +45,20 @@ def p_of_directions(
     lost: int = 0,
     cells: tuple[int, int] = (24, 48),
 ) -> float:
-    """Directions drawn against their density per sr, over cells of the sphere around z.
+    """Compare directions with their density per sr, over cells of the sphere around z.
 
-    In: directions (n, 3) unit; density of (..., 3) unit directions; lost, further draws that gave
-    no direction: what the density lacks to 1 is their share.
+    Args:
+        directions: The unit vectors that were drawn, (n, 3).
+        density: Maps unit vectors (..., 3) to their density per sr (...).
+        lost: How many further draws gave no direction; the density's integral falls short of 1 by
+            their expected share.
+        cells: Rows from pole to pole, and columns around z.
+
+    Returns:
+        The p-value of the chi-square test.
+
+    Raises:
+        AssertionError: If the density's integral exceeds 1.
     """
     rows, columns = cells
     polar = np.arccos(np.clip(directions[:, 2], -1, 1)) / np.pi * rows
@@ -60,14 +74,14 @@ def p_of_directions(
     draws = len(directions) + lost
     expected = np.append(draws * share.ravel(), max(0.0, draws * (1 - share.sum())))
     if not lost:
-        # what a quadrature leaves over is no cell
+        # the error of the quadrature is not a cell
         expected[-1] = 0.0
         expected *= draws / expected.sum()
     return p_of_counts(np.append(counts, lost), expected)
 
 
 def cell_integrals(density: Callable[[F64], F64], cells: tuple[int, int], nodes: int = 24) -> F64:
-    """(rows, columns) integrals over each cell of the sphere, by Gauss's quadrature."""
+    """Integrate over each cell of the sphere by Gauss's quadrature: (rows, columns)."""
     rows, columns = cells
     x, w = np.polynomial.legendre.leggauss(nodes)
     x, w = (x + 1) / 2, w / 2

@@ -11,7 +11,7 @@ F64 = npt.NDArray[np.float64]
 def of_rectangle(x: F64, y: F64, half: tuple[float, float], height: float) -> F64:
     """Form factor from points (x, y, 0) facing up to a rectangle around (0, 0, height).
 
-    Signed sum over its corners (Howell, "Radiation configuration factors", C-3).
+    It is a signed sum over the corners (Howell, "Radiation configuration factors", C-3).
     """
 
     def corner(a: F64, b: F64) -> F64:
@@ -24,8 +24,10 @@ def of_rectangle(x: F64, y: F64, half: tuple[float, float], height: float) -> F6
 
 
 def of_sphere(x: F64, y: F64, radius: float, height: float) -> F64:
-    """Form factor from points (x, y, 0) facing up to a sphere around (0, 0, height), all of it
-    above them."""
+    """Form factor from points (x, y, 0) facing up to a sphere around (0, 0, height).
+
+    All of the sphere must be above the points.
+    """
     square = x**2 + y**2 + height**2
     return np.asarray(radius**2 / square * height / np.sqrt(square))
 
@@ -36,8 +38,15 @@ def of_wall(distance: F64, height: float) -> F64:
 
 
 def ggx(a: F64, b: F64, alpha: float) -> F64:
-    """GGX's f(a, b) per sr around z, reflectance 1, shadowing of each direction by itself (Walter
-    et al. 2007). In: unit (..., 3), both above."""
+    """The BRDF f(a, b) of GGX around z, per sr, for a reflectance of 1.
+
+    Each direction is shadowed independently of the other (Walter et al. 2007).
+
+    Args:
+        a: Unit vectors (..., 3) above the surface.
+        b: Unit vectors (..., 3) above the surface.
+        alpha: The roughness of GGX.
+    """
     half = a + b
     half = half / np.linalg.norm(half, axis=-1, keepdims=True)
     square = alpha**2
@@ -62,9 +71,9 @@ def ggx_density(eye: F64, w: F64, alpha: float) -> F64:
 
 
 def ggx_albedo(cosine: float, alpha: float, nodes: int = 400) -> float:
-    """Share of the light from all sides that GGX of reflectance 1 sends towards one direction."""
+    """The share of light from all sides that GGX of reflectance 1 reflects into one direction."""
     eye = np.array([np.sqrt(1 - cosine**2), 0, cosine])
-    # over facets: their density has the peak, so that what is left is smooth
+    # integrate over facets: their density contains the peak, so that the rest is smooth
     x, w = np.polynomial.legendre.leggauss(nodes)
     share, angle = (x + 1) / 2, (x + 1) * np.pi
     tangent = alpha * np.sqrt(share / (1 - share))
@@ -82,7 +91,7 @@ def ggx_albedo(cosine: float, alpha: float, nodes: int = 400) -> float:
     light = 2 * toward[..., None] * facet - eye
     above = (toward > 0) & (light[..., 2] > 0)
     light = np.where(above[..., None], light, [0.0, 0.0, 1.0])
-    # f cos dw = f cos 4 (eye facet) dm, and facets are drawn with D (m z)
+    # f cos dw = f cos 4 (eye facet) dm, and facets are drawn with the density D (m z)
     square = alpha**2
     density = square / (np.pi * (facet[..., 2] ** 2 * (square - 1) + 1) ** 2) * facet[..., 2]
     value = ggx(np.broadcast_to(eye, light.shape), light, alpha) * light[..., 2] * 4 * toward

@@ -1,5 +1,7 @@
-"""Robots on film: a model that random controls move, seen ms by ms by a camera that stands, pans,
-slides or orbits, and the events that a renderer's light makes of it."""
+"""Robots on film: a model that random controls move, and the events of what a camera sees of it.
+
+The camera takes a picture every ms; it stands still, pans, slides or orbits.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ VIEWS = {
         "dm_control/quadruped": 0.4,
     }.items()
 }
-"""From near by, each robot whole."""
+"""Views from close by that show the whole robot."""
 
 
 ROOM = """<mujoco><statistic center="0 0 .7" extent="2"/>
@@ -48,12 +50,17 @@ ROOM = """<mujoco><statistic center="0 0 .7" extent="2"/>
       <geom type="capsule" fromto="0 0 0 .5 0 -.5" size=".05" material="matt"/>
       <geom type="sphere" pos=".5 0 -.5" size=".18" material="gloss"/></body>
     </worldbody></mujoco>"""
-"""Soft light: a glowing ball, a bulb, an even sky and one mirror; a pendulum."""
+"""A pendulum in soft light: a glowing ball, a bulb, an even sky and one mirror."""
 
 
 def model_of(name: str, files: dict[str, Path], soft: bool = True) -> mujoco.MjModel:
-    """The room or, by its name in `files`, a robot. In: soft, its lamps become bulbs a tenth of
-    their distance wide."""
+    """Load the room or a robot.
+
+    Args:
+        name: "room", or the name of a robot in `files`.
+        files: Name of each robot -> its MJCF file.
+        soft: Whether the robot's lamps become bulbs with a radius of a tenth of their distance.
+    """
     if name == "room":
         return mujoco.MjModel.from_xml_string(ROOM)
     model = mujoco.MjModel.from_xml_path(str(files[name]))
@@ -64,7 +71,7 @@ def model_of(name: str, files: dict[str, Path], soft: bool = True) -> mujoco.MjM
 
 
 class Film:
-    """One take: its scene, its camera, and (snapshot, pose) of each ms."""
+    """One take: its scene, its camera, and the (snapshot, pose) of each ms."""
 
     def __init__(
         self,
@@ -75,9 +82,17 @@ class Film:
         ticks: int,
         view: CameraConfig | None = None,
     ) -> None:
-        """In: motion, still, pan (170 px/s), slide (0.5 m/s) or orbit (half a turn a second around
-        what the view looks at); view, where from, if not from a distance at which the whole model
-        is seen."""
+        """Film a model.
+
+        Args:
+            model: The model; its time step is set to 1 ms.
+            motion: How the camera moves: still, pan (170 px/s), slide (0.5 m/s) or orbit (half a
+                turn per second around the point that the view looks at).
+            width: Width of the picture, px.
+            height: Height of the picture, px.
+            ticks: The length of the film, ms.
+            view: The first view; by default one from which the whole model is seen.
+        """
         self.width, self.height, self.ticks = width, height, ticks
         model.opt.timestep = 1e-3
         data = mujoco.MjData(model)
@@ -111,12 +126,12 @@ class Film:
         self.camera: CameraModel = bound.model
 
     def events_by(self, renderer: Renderer) -> tuple[Events, float]:
-        """Events of the `plain` pixel, and the median time of a frame, ms."""
+        """Return the events of the `plain` pixel, and the median time of a frame, ms."""
         light, ms = self.light_by(renderer)
         return self.events_of(light), ms
 
     def light_by(self, renderer: Renderer) -> tuple[F32, float]:
-        """(ticks, height, width) luminance, and the median time of a frame, ms."""
+        """Return luminance (ticks, height, width), and the median time of a frame, ms."""
         light, times = [], []
         for snapshot, pose in self.taken:
             begin = time.perf_counter()
@@ -126,8 +141,12 @@ class Film:
         return np.stack(light), statistics.median(times)
 
     def events_of(self, light: F32) -> Events:
-        """Events of the `plain` pixel. In: light (ticks, height, width)."""
-        # thresholds and dark current of a DAVIS346; no noise but the light's
+        """Return the events of the `plain` pixel.
+
+        Args:
+            light: Luminance (ticks, height, width), float32.
+        """
+        # the thresholds and dark current of a DAVIS346; the light alone is noisy
         sensor = SensorParameters("film", self.width, self.height, 0.2, 0.2, 0.03, dark_lux=0.1)
         model = PlainModel(sensor, 1)
         state, parts = model.init(0), []
@@ -137,6 +156,6 @@ class Film:
         return join_events(parts)
 
     def compare(self, events: Events, truth: Events, begin_us: int = 0) -> Comparison:
-        """How close two streams of this film are, from begin_us on."""
+        """Compare two event streams of this film from `begin_us` on."""
         end_us = TICK_US * (self.ticks - 1)
         return compare(events, truth, self.width, self.height, begin_us, end_us)

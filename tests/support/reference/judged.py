@@ -1,4 +1,4 @@
-"""Small things to evaluate: a scene of soft light, and cells of a table made by hand."""
+"""Small things to evaluate: a scene in soft light, and cells of a table made by hand."""
 
 from __future__ import annotations
 
@@ -21,18 +21,23 @@ SCENE = """<mujoco><statistic center="0 0 .5" extent="1"/>
     <geom type="capsule" fromto="-.4 0 0 .4 0 0" size=".06" rgba=".9 .5 .2 1"/></body></worldbody>
   <actuator><motor joint="turn" gear="3" ctrllimited="true" ctrlrange="-1 1"/></actuator></mujoco>
 """
-"""A bar that motors turn over a chequered floor, under a lamp with a size."""
+"""A bar that a motor turns above a chequered floor, under a lamp that is not a point."""
 
 
 def written(folder: Path, repeat: int = 8) -> Path:
-    """The scene's file. In: repeat, of the floor's tiles."""
+    """Write the scene to a file and return its path.
+
+    Args:
+        folder: The folder of the file.
+        repeat: How often the texture of the floor repeats along each axis.
+    """
     path = folder / "turning.xml"
     path.write_text(SCENE.replace('texrepeat="8 8"', f'texrepeat="{repeat} {repeat}"'))
     return path
 
 
 def measures(**given: Any) -> Measures:
-    """Of a perfect model that sees 100 events of each polarity on 1000 px in a second."""
+    """Measures of a perfect model with 100 events of each polarity on 1000 px in a second."""
     values: dict[str, Any] = {
         "pixels": 1000, "seconds": 1.0, "emd": 0.1, "on": 100, "off": 100,
         "reference_on": 100, "reference_off": 100, "pairs": 200, "static_px": 500,
@@ -44,12 +49,16 @@ def measures(**given: Any) -> Measures:
 
 
 def cell(model: str, spp: int = 4, seeds: str = "fresh", **given: Any) -> ResultCell:
-    """One cell; what is given and no field of a cell is a measure."""
+    """One cell; arguments that are not fields of a cell are measures."""
     own = {"scene": "one", "camera": "still", "soft": True, "light": "path"}
     fields = {key: given.pop(key, usual) for key, usual in own.items()}
     return ResultCell(**fields, spp=spp, seeds=seeds, model=model, measures=measures(**given))  # type: ignore[arg-type]
 
 
 def light_of_steps(steps: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """(ticks, n) float32 luminance that rises by exp(.2) steps; in: (ticks, n) whole numbers."""
+    """Luminance that changes in steps of just over 0.2 log units: (ticks, n) float32.
+
+    Args:
+        steps: How many steps the light is above its lowest, (ticks, n) whole numbers.
+    """
     return (0.2 * np.exp(0.2001 * steps)).astype(np.float32)

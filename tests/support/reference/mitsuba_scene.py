@@ -1,9 +1,10 @@
 """A SceneModel, snapshot and camera as a Mitsuba 3 scene: the same light by another program.
 
-Conventions. A light of strength 1 gives a white Lambert surface that faces it the radiance 1; for
-Mitsuba that is the irradiance pi. Our surfaces are passed through from behind, Mitsuba's block and
-are black there: convert scenes that are seen, and lit, from the front only. What Mitsuba cannot
-show (ambient light from lamps, cones with an exponent, attenuation other than 1/r^2) is refused.
+Conventions: a light of strength 1 gives a white Lambert surface that faces it a radiance of 1; for
+Mitsuba, that is an irradiance of pi. Light passes through our surfaces from behind, while Mitsuba's
+block it and are black there: convert only scenes that are seen, and lit, from the front. What
+Mitsuba cannot show (ambient light from lamps, cones with an exponent, attenuation other than 1/r^2)
+is refused.
 """
 
 from __future__ import annotations
@@ -22,42 +23,44 @@ mi.set_variant("scalar_rgb")
 
 F64 = npt.NDArray[np.float64]
 WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
-"""Luminance of linear BT.709 colours."""
+"""The weights of linear BT.709 colours in luminance."""
 FAR = 1e4
-"""Half width of an infinite plane, m: the horizon of a camera 1 m up is 1e-4 rad off."""
+"""Half the width of an infinite plane, m: at a height of 1 m, the horizon is off by 1e-4 rad."""
 
 
 def linear(coded: npt.ArrayLike) -> F64:
-    """Display-coded to linear (IEC 61966-2-1)."""
+    """Convert display-coded values to linear ones (IEC 61966-2-1)."""
     c = np.asarray(coded, np.float64)
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 
 
 def rgb(values: npt.ArrayLike) -> dict[str, Any]:
-    """A colour."""
+    """A colour as Mitsuba takes it."""
     return {"type": "rgb", "value": [float(v) for v in np.broadcast_to(values, 3)]}
 
 
 def pose(pos: npt.ArrayLike, mat: npt.ArrayLike) -> F64:
-    """(4, 4) local to world."""
+    """The transform from local to world coordinates, (4, 4)."""
     out = np.eye(4)
     out[:3, :3], out[:3, 3] = np.reshape(mat, (3, 3)), pos
     return out
 
 
 def scaled(frame: F64, size: npt.ArrayLike) -> Any:
-    """Mitsuba's transform: first the scale, then the frame."""
+    """Mitsuba's transform that applies first the scale, then the frame."""
     return mi.ScalarTransform4f(frame @ np.diag([*np.asarray(size, np.float64), 1.0]))
 
 
 def mitsuba_scene(stage: Stage, integrator: str) -> Any:
-    """The loaded scene; `render` makes pictures of it.
+    """Load the scene into Mitsuba; `render` makes pictures of it.
 
-    In: integrator, `path`, or `volpath` where light passes through what is transparent.
+    Args:
+        stage: The scene, its snapshot, its camera and the settings of the renderer.
+        integrator: `path`, or `volpath` where light passes through transparent surfaces.
     """
     found: dict[str, Any] = {
         "type": "scene",
-        # as many edges from the eye to the lamp; no roulette
+        # the same number of edges from the eye to the lamp; no Russian roulette
         "integrator": {"type": integrator, "max_depth": stage.bounces + 2, "rr_depth": 1000},
         "sensor": _sensor(stage),
     }
@@ -77,7 +80,7 @@ def mitsuba_scene(stage: Stage, integrator: str) -> Any:
 
 
 def render(scene: Any, batches: int, spp: int, seed: int = 0) -> F64:
-    """(batches, h, w) luminance; each batch has `spp` independent samples a pixel."""
+    """Render luminance (batches, h, w); each batch has `spp` independent samples per pixel."""
     pictures = [mi.render(scene, spp=spp, seed=seed * batches + k) for k in range(batches)]
     return np.stack([np.asarray(picture, np.float64) @ WEIGHTS for picture in pictures])
 
@@ -113,7 +116,7 @@ def _sensor(stage: Stage) -> dict[str, Any]:
 
 
 def _geom(stage: Stage, index: int, shape: Shape) -> list[Any]:
-    """The shapes that make up one geom."""
+    """Mitsuba's shapes that make up one geom."""
     scene = stage.scene
     frame = pose(stage.shot.geom_pos[index], stage.shot.geom_mat[index])
     size = [float(s) for s in scene.geom_size[index]]
@@ -133,7 +136,7 @@ def _geom(stage: Stage, index: int, shape: Shape) -> list[Any]:
 
 
 def _parts(shape: Shape, size: list[float], frame: F64, look: dict[str, Any]) -> list[Any]:
-    """A primitive, of one shape of Mitsuba's or of some."""
+    """A primitive, made of one or more of Mitsuba's shapes."""
 
     def at(z: float) -> list[float]:
         return [float(v) for v in (frame @ [0, 0, z, 1])[:3]]
@@ -162,7 +165,7 @@ def _parts(shape: Shape, size: list[float], frame: F64, look: dict[str, Any]) ->
 
 
 def _mesh(mesh: Mesh, frame: F64, look: dict[str, Any]) -> Any:
-    """Each face with corners of its own, as our normals and coordinates are by face."""
+    """A mesh whose faces share no corners, because our normals and coordinates belong to faces."""
     props = mi.Properties()
     for key, value in look.items():
         props[key] = mi.load_dict(value)
@@ -188,14 +191,14 @@ def _mesh(mesh: Mesh, frame: F64, look: dict[str, Any]) -> Any:
 
 
 def bsdf(stage: Stage, surface: Surface, shape: Shape) -> dict[str, Any]:
-    """A mirror's share, a glossy share without Fresnel, the rest Lambert."""
+    """A material: a share that mirrors, a glossy share without Fresnel, and the rest Lambert."""
     albedo = rgb(linear(surface.rgba[:3]))
     if surface.texture >= 0:
         albedo = _texture(stage, surface, shape)
     look: dict[str, Any] = {"type": "diffuse", "reflectance": albedo}
     shine = {"type": "roughconductor", "material": "none", "distribution": "ggx"}
     if stage.path and surface.roughness >= 0:
-        # a physical material: the dielectric's 4 % or the metal's colour, and what is left
+        # a physical material: the dielectric's 4 % or the metal's colour, and the rest
         colour, metallic = linear(surface.rgba[:3]), max(surface.metallic, 0.0)
         gloss = 0.04 + (colour - 0.04) * metallic
         share = float(gloss.max())
@@ -204,7 +207,7 @@ def bsdf(stage: Stage, surface: Surface, shape: Shape) -> dict[str, Any]:
         shine |= {"alpha": surface.roughness**2, "specular_reflectance": rgb(gloss / share)}
         look = _blend(share, {"type": "diffuse", "reflectance": rgb(rest)}, shine)
     elif stage.path and surface.specular > 0:
-        # the lobe of a Blinn-Phong exponent; specular 0.5 reflects as most dielectrics do
+        # the lobe of a Blinn-Phong exponent; specular 0.5 reflects like most dielectrics
         width = np.sqrt(2 / (128 * surface.shininess + 2))
         look = _blend(0.08 * surface.specular, look, shine | {"alpha": float(width)})
     if surface.reflectance > 0:
@@ -216,10 +219,10 @@ def bsdf(stage: Stage, surface: Surface, shape: Shape) -> dict[str, Any]:
 
 
 def _mosaic(share: float) -> dict[str, Any]:
-    """A pattern far finer than a pixel, of which this share, in tenths, is one and the rest 0.
+    """A pattern far finer than a pixel, in which this share, in tenths, is 1 and the rest 0.
 
     Mitsuba's blend of a perfect mirror and another surface is wrong (3.9: it adds densities of
-    different kinds), but for the blends all of one and all of the other.
+    different kinds), except where the blend is all of one or all of the other.
     """
     tenths = round(10 * share)
     assert abs(10 * share - tenths) < 1e-9
@@ -244,7 +247,7 @@ def _texture(stage: Stage, surface: Surface, shape: Shape) -> dict[str, Any]:
     data = texture.data[..., :3] / 255.0
     data = (linear(data) if texture.srgb else data) * linear(surface.rgba[:3])
     repeat_u, repeat_v = surface.texrepeat
-    # on a plane Mitsuba counts v from below, ours from above; a mesh brings its own
+    # on a plane Mitsuba counts v from below, and we from above; a mesh has coordinates of its own
     to_uv = np.diag([repeat_u, repeat_v, 1.0, 1.0])
     if shape is Shape.PLANE:
         to_uv[1, 1], to_uv[1, 3] = -repeat_v, repeat_v
@@ -272,7 +275,7 @@ def _light(stage: Stage, index: int, light: Light) -> dict[str, Any]:
             "direction": [float(v) for v in along],
             "irradiance": rgb(strength),
         }
-    # fades with the square of the distance
+    # the light fades with the square of the distance
     assert light.intensity > 0 or light.attenuation == (0.0, 0.0, 1.0)
     if light.intensity > 0:
         strength = strength * (light.intensity / stage.render.lux_per_unit)
@@ -284,7 +287,7 @@ def _light(stage: Stage, index: int, light: Light) -> dict[str, Any]:
         return {"type": "sphere", "center": position, "radius": radius, "emitter": glow}
     if light.kind is LightKind.POINT:
         return {"type": "point", "position": position, "intensity": rgb(strength)}
-    # one strength inside the cone, none outside
+    # the strength is uniform inside the cone, and zero outside
     assert light.exponent == 0
     return {
         "type": "spot",
@@ -298,15 +301,15 @@ def _light(stage: Stage, index: int, light: Light) -> dict[str, Any]:
 
 
 def _across(direction: F64) -> list[float]:
-    """A direction that is not the given one."""
+    """A direction that is not parallel to the given one."""
     return [float(v) for v in np.eye(3)[np.argmin(np.abs(direction))]]
 
 
 def _sky(stage: Stage, dome: F64) -> dict[str, Any]:
     """The skybox and the uniform dome as one latitude-longitude picture."""
     height = 512
-    # Mitsuba's y is up in the picture: u turns around it from -z to +x. Its first and last row are
-    # the poles, its columns lie between
+    # Mitsuba's y is up in the picture: u turns around it from -z to +x. The first and last rows
+    # are the poles; the columns are sampled at their centres
     tall, around = np.meshgrid(
         np.linspace(0, np.pi, height),
         (np.arange(2 * height) + 0.5) / height * np.pi,

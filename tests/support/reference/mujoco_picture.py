@@ -1,8 +1,8 @@
-"""A model as MuJoCo's own classic renderer shows it, beside what evs shows: one camera, one size.
+"""Pictures of a model by MuJoCo's own classic renderer and by evs: the same camera and size.
 
-MuJoCo shades what displays take, evs linear light. So shape (which geom each pixel shows) agrees in
-every scene, and colour where shading is one number: under ambient light, of glowing geoms, of one
-lamp at right angles, and in order and hue elsewhere.
+MuJoCo shades display-coded values, and evs linear light. So the shape (which geom each pixel shows)
+agrees in every scene; the colour agrees where shading is one number (under ambient light, for
+glowing geoms, under one lamp at right angles), and elsewhere in order and hue.
 """
 
 from __future__ import annotations
@@ -23,48 +23,48 @@ from speed.elsewhere import Elsewhere, elsewhere
 from speed.mujoco_gl import make_context
 
 Flags = dict[str, bool]
-"""of mjtRndFlag, by the end of their names: SHADOW, REFLECTION, SKYBOX, HAZE, FOG, ..."""
+"""flags of mjtRndFlag by the end of their names: SHADOW, REFLECTION, SKYBOX, HAZE, FOG, ..."""
 
 
 @dataclass(frozen=True)
 class SideBySide:
-    """One view of one instant by both."""
+    """One view of one instant by both renderers."""
 
     theirs: U8
-    """(h, w, 3) as MuJoCo codes it for a display"""
+    """(h, w, 3), as MuJoCo codes it for a display"""
     ours: F32
-    """(h, w, 3) linear"""
+    """(h, w, 3), linear"""
     their_ids: I32
-    """(h, w) as SceneModel.geom_id, -1 nothing"""
+    """(h, w), as SceneModel.geom_id; -1 where nothing is"""
     our_ids: I32
-    """(h, w) the same"""
+    """(h, w), the same"""
 
     @property
     def our_code(self) -> U8:
-        """(h, w, 3) ours as a display takes it: what exceeds white is clipped."""
+        """Our picture as a display takes it, (h, w, 3): values above white are clipped."""
         return np.round(255 * encoded(np.clip(self.ours, 0, 1))).astype(np.uint8)
 
     @property
     def shape_agrees(self) -> float:
-        """Share of the pixels in which both show the same geom, or nothing."""
+        """The share of pixels in which both show the same geom, or nothing."""
         return float((self.their_ids == self.our_ids).mean())
 
     def inside(self, geom: int) -> npt.NDArray[np.bool_]:
-        """(h, w) True where both show this geom (-1: nothing) in a pixel and all around it."""
+        """Where both show this geom (-1: nothing) in a pixel and all around it, (h, w) bool."""
         both = np.pad((self.their_ids == geom) & (self.our_ids == geom), 1, mode="edge")
         height, width = self.our_ids.shape
         around = [both[y : y + height, x : x + width] for y in range(3) for x in range(3)]
         return np.asarray(np.logical_and.reduce(around))
 
     def colours(self, geom: int) -> tuple[F32, F32]:
-        """(3,) medians of theirs and ours over a geom's inside, both coded, 0 ... 1."""
+        """The medians (3,) of theirs and ours over a geom's inside, both coded, 0 ... 1."""
         mask = self.inside(geom)
         assert mask.any(), f"geom {geom} is nowhere {self.our_ids.min()} ... {self.our_ids.max()}"
         theirs = np.median(self.theirs[mask], axis=0) / 255
         return theirs.astype(np.float32), encoded(np.median(self.ours[mask], axis=0))
 
     def difference(self, geom: int, percent: float = 95.0) -> float:
-        """Percentile of |theirs - ours| over a geom's inside and all channels, coded, 0 ... 1."""
+        """A percentile of |theirs - ours| over a geom's inside and all channels, coded, 0 ... 1."""
         mask = self.inside(geom)
         apart = np.abs(self.theirs[mask] / 255.0 - encoded(np.clip(self.ours[mask], 0, 1)))
         return float(np.percentile(apart, percent))
@@ -101,8 +101,17 @@ class MujocoPictures:
         render: RenderConfig | None = None,
         flags: Flags | None = None,
     ) -> SideBySide:
-        """Both pictures. In: data, at its start if None; render, 16 samples of `direct` if None;
-        flags, what MuJoCo is told beside it."""
+        """Draw the model with both renderers.
+
+        Args:
+            model: The model.
+            data: Its state; the initial one if None.
+            camera: The name of a camera of the model, or a camera's configuration.
+            width: Width of the pictures, px.
+            height: Height of the pictures, px.
+            render: The settings of our renderer; `direct` with 16 samples per pixel if None.
+            flags: Flags of MuJoCo's renderer, in addition to those that follow from `render`.
+        """
         data = mujoco.MjData(model) if data is None else data
         mujoco.mj_forward(model, data)
         view = camera if isinstance(camera, CameraConfig) else CameraConfig()
@@ -124,7 +133,11 @@ class MujocoPictures:
 
 @contextmanager
 def mujoco_pictures() -> Iterator[MujocoPictures]:
-    """The process; raises AbsentError where OpenGL in software is missing."""
+    """Start the process; it ends with the block.
+
+    Raises:
+        AbsentError: If OpenGL in software is missing.
+    """
     with elsewhere(_make_drawing, environment={"LP_NUM_THREADS": "0"}) as process:
         yield MujocoPictures(process)
 
@@ -141,7 +154,7 @@ def _draw(
     pose: CameraPose,
     flags: Flags,
 ) -> tuple[U8, I32]:
-    """(h, w, 3) picture and (h, w) ids."""
+    """Draw the picture (h, w, 3) and the ids (h, w)."""
     width, height = camera.width, camera.height
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     scene = mujoco.MjvScene(model, 10_000)
@@ -164,7 +177,7 @@ def _draw(
         # OpenGL's first row is the lowest
         return rgb[::-1].copy()
 
-    # drawing may clear what geoms reflect, so the picture comes first
+    # drawing may clear the reflections of geoms, so the picture comes first
     picture = read()
     for name in ("SEGMENT", "IDCOLOR"):
         scene.flags[getattr(mujoco.mjtRndFlag, f"mjRND_{name}")] = True
@@ -178,7 +191,7 @@ def _draw(
 
 
 def _number_of(model: mujoco.MjModel, geom: mujoco.MjvGeom) -> int:
-    """As SceneModel.geom_id has it; what a scene has no number for is below all of them."""
+    """The geom's number in SceneModel.geom_id; what has none there gets one below all of them."""
     if geom.objtype == mujoco.mjtObj.mjOBJ_GEOM:
         return int(geom.objid)
     if geom.objtype == mujoco.mjtObj.mjOBJ_SKIN:
@@ -194,7 +207,7 @@ def _number_of(model: mujoco.MjModel, geom: mujoco.MjvGeom) -> int:
 
 
 def _free_camera(pose: CameraPose) -> mujoco.MjvCamera:
-    """There and looking there; what a camera of MuJoCo's cannot be told is set by _aim."""
+    """A camera at the pose that looks along it; _aim sets what MuJoCo's camera cannot express."""
     camera, forward = mujoco.MjvCamera(), -pose.mat.reshape(3, 3)[:, 2]
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
     camera.distance = 1.0
@@ -205,7 +218,7 @@ def _free_camera(pose: CameraPose) -> mujoco.MjvCamera:
 
 
 def _aim(eye: mujoco.MjvGLCamera, camera: CameraModel, pose: CameraPose) -> None:
-    """The same rays as `camera`'s at `pose`, without its lens."""
+    """Give `eye` the rays of `camera` at `pose`, without its lens."""
     turn = pose.mat.reshape(3, 3)
     eye.pos[:], eye.forward[:], eye.up[:] = pose.pos, -turn[:, 2], turn[:, 1]
     eye.orthographic = camera.orthographic

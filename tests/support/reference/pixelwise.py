@@ -1,7 +1,7 @@
 """Are two pictures the same but for noise? Welch's test per pixel, per block, and of the whole.
 
 Each picture comes as independent batches of samples, so that its noise is known. The family of all
-tests of one comparison is corrected after Sidak; on failure the pictures are written.
+tests of one comparison is corrected after Sidak; on failure, the pictures are written to files.
 """
 
 from __future__ import annotations
@@ -17,31 +17,35 @@ from scipy import stats
 F64 = npt.NDArray[np.float64]
 
 SIGNIFICANCE = 1e-3
-"""Family-wise: one comparison in a thousand fails though nothing is wrong, if its seed is new."""
+"""Family-wise: with new seeds, one comparison in a thousand fails although nothing is wrong."""
 ROUNDING = 2e-5
-"""Both sides compute in float32: a few dozen roundings of 6e-8, and sums of them."""
+"""Relative; both sides compute in float32, with a few dozen roundings of 6e-8 and their sums."""
 SCALES = (1, 4, 12, 0)
-"""Side of the blocks that are compared, px; 0 is the whole picture."""
+"""Sides of the blocks that are compared, px; 0 is the whole picture."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """How far two pictures are apart, in their noise and in themselves."""
+    """How far two pictures are apart, relative to their noise and to their means."""
 
     z: dict[int, F64]
     """block side -> Welch's statistic of each block"""
     p: float
-    """smallest, corrected for all tests: how likely chance alone goes so far"""
+    """the smallest p-value, corrected for all tests: how likely chance gives one as small"""
     worst: str
-    """where that is"""
+    """the block with that p-value"""
     difference: float
-    """of the pictures' means, relative"""
+    """relative difference of the pictures' means"""
     sharpness: float
-    """relative difference of the means that is just significant"""
+    """the relative difference of the means that would be just significant"""
 
 
 def judge(ours: F64, theirs: F64) -> Verdict:
-    """Compare two stacks (batches, h, w) of independent estimates of one picture."""
+    """Compare two stacks (batches, h, w) of independent estimates of one picture.
+
+    Raises:
+        AssertionError: If a value is not finite.
+    """
     if not (np.isfinite(ours).all() and np.isfinite(theirs).all()):
         raise AssertionError("not a number, or infinite")
     tests, found = 0, {}
@@ -68,17 +72,25 @@ def judge(ours: F64, theirs: F64) -> Verdict:
 
 
 def sidak(significance: float, tests: int) -> float:
-    """What each of `tests` tests may have, so that all together have `significance`."""
+    """The level of each of `tests` tests that gives all together the level `significance`."""
     return float(-np.expm1(np.log1p(-significance) / tests))
 
 
 def assert_same_picture(
     name: str, ours: F64, theirs: F64, folder: Path, sharp: float = 0.01
 ) -> Verdict:
-    """Fails where they differ by more than their noise, or where their noise hides `sharp`.
+    """Check that two pictures differ by no more than their noise.
 
-    In: name, of the files that a failure leaves in `folder`. A relative difference of the means of
-    `sharp` would have been seen, or the comparison is worth nothing.
+    Args:
+        name: The name of the files that a failure writes.
+        ours: Independent estimates of our picture, (batches, h, w).
+        theirs: Independent estimates of their picture, (batches, h, w).
+        folder: The folder of those files.
+        sharp: The relative difference of the means that the comparison must be able to detect;
+            otherwise it is worth nothing.
+
+    Raises:
+        AssertionError: If they differ by more than their noise, or if the noise hides `sharp`.
     """
     verdict = judge(ours, theirs)
     found = (
@@ -94,7 +106,7 @@ def assert_same_picture(
 
 
 def write_pictures(name: str, ours: F64, theirs: F64, verdict: Verdict, folder: Path) -> str:
-    """Both pictures and their difference in standard errors: PNGs and an .npz. Returns the path."""
+    """Write both pictures and their difference in standard errors as files; return their path."""
     folder.mkdir(parents=True, exist_ok=True)
     a, b = ours.mean(0), theirs.mean(0)
     white = max(float(np.quantile(b, 0.99)), 1e-30)
@@ -112,7 +124,7 @@ def write_pictures(name: str, ours: F64, theirs: F64, verdict: Verdict, folder: 
 
 
 def _blocks(stack: F64, side: int) -> F64:
-    """(batches, rows, columns) means over whole blocks; a rest at the edges is left out."""
+    """Means over whole blocks, (batches, rows, columns); partial blocks at edges are left out."""
     count, height, width = stack.shape
     if side == 0:
         return stack.mean((1, 2)).reshape(count, 1, 1)
@@ -122,7 +134,7 @@ def _blocks(stack: F64, side: int) -> F64:
 
 
 def _welch(a: F64, b: F64) -> tuple[F64, F64, F64]:
-    """Welch's statistic, degrees of freedom, standard error; rounding is known variance."""
+    """Welch's statistic, degrees of freedom, standard error; rounding adds a known variance."""
     va, vb = (np.var(s, 0, ddof=1) / len(s) for s in (a, b))
     apart, level = a.mean(0) - b.mean(0), np.maximum(np.abs(a.mean(0)), np.abs(b.mean(0)))
     known = (ROUNDING * level) ** 2 + 1e-30

@@ -1,4 +1,4 @@
-"""One scene for each code path of the plan that needs it, and what a run of it gives."""
+"""One scene for each code path of the plan, which needs that path, and the output of its run."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Film:
     """A scene, and how it is filmed."""
 
     xml: dict[str, str] = field(default_factory=dict)
-    """what is put in the holes of SCENE"""
+    """the values of the fields of SCENE"""
     render: dict[str, Any] = field(default_factory=dict)
     camera: dict[str, Any] = field(default_factory=dict)
     sensor: dict[str, Any] = field(default_factory=dict)
@@ -78,7 +78,14 @@ class Film:
     def world(
         self, folder: Path, *, on: Sequence[str] = (), off: Sequence[str] = (), all_on: bool = False
     ) -> World:
-        """The world of it, with code paths forced on or off. In: folder, for its MJCF file."""
+        """Make its world, with code paths forced on or off.
+
+        Args:
+            folder: The folder that its MJCF file is written to.
+            on: Code paths that are forced on.
+            off: Code paths that are forced off.
+            all_on: Whether all code paths are on.
+        """
         file = folder / "scene.xml"
         file.write_text(SCENE.format(**{**NOTHING, **self.xml}))
         camera = {} if "distance" in self.camera else {"camera": "eye"}
@@ -97,14 +104,14 @@ class Film:
 
 
 PLAIN = Film()
-"""needs nothing but what every film here has: a shadow, and a floor with an image"""
+"""needs only what every film here has: a shadow, and a floor with an image"""
 
 PATH: dict[str, Any] = {"renderer": "path", "spp": 2}
 
 NEEDS = {
     "colour": Film({"lights": SUN.replace(".7 .7 .7", ".9 .3 .1")}),
     "physical_gloss": Film({"body": 'metallic="1" roughness=".3"'}),
-    # a light below the floor, which bent normals see
+    # a horizontal light without shadows, whose shading depends on the bent normals
     "normal_maps": Film(
         {
             "asset": BUMPS,
@@ -149,11 +156,11 @@ NEEDS = {
     "aps": Film(sensor={"aps": ApsConfig(enabled=True, rate_hz=200.0, exposure_us=2000)}),
     "imu": Film(sensor={"imu": ImuConfig(enabled=True, rate_hz=1000.0)}),
 }
-"""code path -> a film that needs it; the network has its own tests"""
+"""code path -> a film that needs it; the network has tests of its own"""
 
 
 def told(world: World, ticks: int) -> list[tuple[bytes, ...]]:
-    """All that a run gives, tick by tick: events, labels, frames, IMU samples."""
+    """Return the output of a run, tick by tick: events, labels, frames, IMU samples."""
     (camera,) = world.cameras
     given = []
     for _ in range(ticks):

@@ -1,4 +1,4 @@
-"""Random scenes of everything that a world can hold, and the check that their light is one."""
+"""Random scenes of everything that a world can hold, and a check that all renderers agree."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PULSE = FlickerConfig(waveform="pwm", hz=166.0, depth=0.5, duty=0.3)
 
 
 def random_turn(rng: Random) -> np.ndarray:
-    """(9,) a rotation, row-major; one in four is along the axes."""
+    """A rotation (9,), row-major; one in four is along the axes."""
     if rng.random() < 0.25:
         turn = np.eye(3)[rng.permutation(3)] * rng.choice([-1.0, 1.0], 3)[:, np.newaxis]
     else:
@@ -43,8 +43,10 @@ def random_turn(rng: Random) -> np.ndarray:
 def random_mesh(rng: Random, flat: bool) -> Mesh:
     """A soup of triangles, some of them degenerate, with or without normals and coordinates.
 
-    In: flat, whether it may be flat. Then triangles overlap in one plane, and which of them is seen
-    is nobody's to say.
+    Args:
+        rng: The source of randomness.
+        flat: Whether the mesh may be flat. In that case triangles overlap in one plane, and which
+            of them is seen is undefined.
     """
     count, corners = int(rng.integers(1, 60)), int(rng.integers(3, 40))
     vertices = rng.normal(size=(corners, 3)) * 10.0 ** rng.uniform(-2, 0)
@@ -96,9 +98,9 @@ def random_light(rng: Random, coloured: bool) -> Light:
 
 
 def random_maps(rng: Random, surface: Surface) -> Surface:
-    """The surface with some of: a physical material, maps of each kind.
+    """The surface with a random choice of a physical material and of maps of each kind.
 
-    The random textures 6, 7 and 8 have one component, three and three; 3 and 4 are cubes.
+    The random textures 6, 7 and 8 have one, three and three components; 3 and 4 are cubes.
     """
 
     def one_of(*indices: int) -> int:
@@ -118,7 +120,7 @@ def random_maps(rng: Random, surface: Surface) -> Surface:
 
 
 def random_surface(rng: Random, textures: int) -> Surface:
-    """A material; every third is a mirror, every fifth transparent."""
+    """A material; one in three is a mirror, and one in five is transparent."""
     surface = Surface(
         rgba=(*(float(c) for c in rng.uniform(0, 1, 3)), 1.0),  # type: ignore[arg-type]
         texture=int(rng.integers(-1, textures)),
@@ -134,7 +136,7 @@ def random_surface(rng: Random, textures: int) -> Surface:
 
 
 def random_size(rng: Random, shape: Shape, decades: float) -> np.ndarray:
-    """(3,) sizes over `decades` powers of ten around 0.3 m; a plane may be infinite."""
+    """Sizes (3,), m, over `decades` powers of ten around 0.3 m; a plane may be infinite."""
     size = 0.3 * 10.0 ** rng.uniform(-decades, decades / 3, 3)
     if shape is Shape.PLANE:
         size = np.where(rng.random(3) < 0.4, 0.0, size * 5)
@@ -144,9 +146,14 @@ def random_size(rng: Random, shape: Shape, decades: float) -> np.ndarray:
 class RandomStage:
     """A random scene of at most 24 geoms, its camera, and its film, all from one seed.
 
-    In: decades, how far apart the sizes are; zoom, how much further away the camera stands, with as
-    much longer a lens; flat, whether a mesh may be flat; rich, with physical materials, maps, an
-    image light, fog or haze, and light that pulses.
+    Args:
+        seed: The seed of all random choices.
+        decades: How many powers of ten the sizes spread over.
+        zoom: The factor by which the camera is further away, and its focal length longer.
+        flat: Whether a mesh may be flat.
+        rich: Whether there are physical materials, maps, an image light, fog or haze, and light
+            that pulses.
+        size: Width and height of the picture, px.
     """
 
     def __init__(
@@ -170,7 +177,7 @@ class RandomStage:
         )
         surfaces = tuple(random_surface(rng, 5) for _ in range(6))
         lights = tuple(random_light(rng, coloured) for _ in range(rng.integers(0, 6)))
-        # from a generator of its own, so that the rest of a scene stays what it was
+        # from a generator of its own, so that the rest of the scene is the same with or without
         more, air = np.random.default_rng([seed, 1]), None
         if rich:
             textures = (
@@ -213,7 +220,7 @@ class RandomStage:
         self.light_pos = rng.normal(size=(len(lights), 3)) * 2 + np.array([0, 0, 2])
         self.light_dir = rng.normal(size=(len(lights), 3)) - np.array([0, 0, 2])
         self.light_dir /= np.linalg.norm(self.light_dir, axis=1, keepdims=True)
-        # it stands back and looks at the middle
+        # the camera stands back and looks at the middle
         back = rng.normal(size=3)
         back /= np.linalg.norm(back)
         x = np.cross(rng.normal(size=3), back)
@@ -224,12 +231,12 @@ class RandomStage:
         )
 
     def snapshot(self, t_us: int = 0) -> SceneSnapshot:
-        """Where everything is now."""
+        """Return where everything is now."""
         places = self.geom_pos.copy(), self.geom_mat.copy(), self.light_pos.copy()
         return shot_of(self.scene, *places, self.light_dir, t_us)
 
     def film(self, ticks: int) -> list[tuple[SceneSnapshot, CameraPose]]:
-        """Some geoms move, by jumps or hardly at all; sometimes a light does, or the camera."""
+        """Film geoms that jump or hardly move; at times a light or the camera moves, too."""
         rng, frames = self.rng, []
         for tick in range(ticks):
             frames.append((self.snapshot(1000 * tick), self.pose))
@@ -244,12 +251,12 @@ class RandomStage:
         return frames
 
     def renderer(self, threads: int = 1, **render: object) -> Renderer:
-        """A renderer of this scene."""
+        """Make a renderer of this scene."""
         config = RenderConfig(**{"spp": 1, **self.render, **render})  # type: ignore[arg-type]
         return make_renderer(self.scene, self.camera, config, threads)
 
     def shifted(self, dx: int, dy: int, **render: object) -> np.ndarray:
-        """The same light (h, w) from a larger sensor, whose first pixel lies dx, dy further out."""
+        """Render the same light (h, w) on a larger sensor, which begins dx, dy px further out."""
         camera, (frame, pose) = self.camera, (self.snapshot(), self.pose)
         larger = replace(
             camera,
@@ -270,9 +277,15 @@ def check_film(
     settings: Callable[[int], dict[str, object]] = lambda seed: {},
     **stage: object,
 ) -> None:
-    """Kept, anew, on any instruction set and number of threads: the same finite light.
+    """Check that light is finite, and the same whether it is kept or traced anew.
 
-    In: settings, of the renderer in the scene of a seed.
+    It must not depend on the instruction set and the number of threads, either.
+
+    Args:
+        seeds: The seeds of the scenes.
+        ticks: The length of each film.
+        settings: Maps the seed of a scene to further settings of its renderer.
+        **stage: Further arguments of RandomStage.
     """
     for seed in seeds:
         scene = RandomStage(seed, **stage)  # type: ignore[arg-type]

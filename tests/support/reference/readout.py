@@ -1,6 +1,6 @@
-"""The readout in plain Python, written for reading: a whole run at once, one event after the other.
+"""The readout in plain Python, written to be read: a whole run at once, one event after another.
 
-It shares nothing with the native one but the definition of the random numbers. Times are ns, exact.
+It shares only the definition of the random numbers with the native one. Times are exact, in ns.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Told:
     """What became of the events of a run."""
 
     out: list[tuple[int, Event]] = field(default_factory=list)
-    """(stamp us, event) in the order in which they came out"""
+    """(stamp in us, event), in the order in which they came out"""
     dropped: Counter[str] = field(default_factory=Counter)
     waiting: int = 0
 
@@ -43,7 +43,7 @@ class Told:
 def sensor_of(
     latency_us: float = 0.0, latency_sigma_us: float = 0.0, **readout: Any
 ) -> SensorParameters:
-    """Noise-free pixels, 64 x 48, behind a readout of these keys."""
+    """Parameters of 64 x 48 noise-free pixels, behind a readout with these parameters."""
     return SensorParameters(
         "test",
         64,
@@ -57,7 +57,14 @@ def sensor_of(
 
 
 def tell(sensor: SensorParameters, seed: int, events: Iterable[Event], end_us: int) -> Told:
-    """The run until end_us. In: every event of it, sorted by t."""
+    """Read a run out until `end_us`.
+
+    Args:
+        sensor: The sensor and its readout.
+        seed: The seed of the random numbers.
+        events: All events of the run, sorted by t.
+        end_us: The end of the run.
+    """
     told = Told()
     asked = sorted(_asked(sensor, seed, events, told), key=lambda request: request[0])
     due = [request for request in asked if request[0] <= end_us * 1000]
@@ -73,7 +80,7 @@ def tell(sensor: SensorParameters, seed: int, events: Iterable[Event], end_us: i
 
 
 def as_bytes(told: Told) -> bytes:
-    """The events handed out, 16 bytes each."""
+    """The events that came out, 16 bytes each."""
     numbers = [
         stamp.to_bytes(8, "little", signed=True)
         + event.x.to_bytes(2, "little")
@@ -85,7 +92,7 @@ def as_bytes(told: Told) -> bytes:
 
 
 def as_events(events: Events) -> list[Event]:
-    """The plain events of an array."""
+    """The events of an array as plain ones."""
     causes = events.view(np.uint8).reshape(-1, 16)[:, 13]
     columns = (events["t"], events["x"], events["y"], events["p"], causes)
     return [Event(*map(int, row)) for row in zip(*columns, strict=True)]
@@ -97,7 +104,7 @@ Requests = list[tuple[int, Event]]
 def _asked(
     sensor: SensorParameters, seed: int, events: Iterable[Event], told: Told
 ) -> Iterable[tuple[int, Event]]:
-    """(when its pixel asks for it to be read, event) of each that is read at all."""
+    """Yield (time of its pixel's request, event) for each event that may be read."""
     readout = sensor.readout
     rectangles = [readout.roi[i : i + 4] for i in range(0, len(readout.roi), 4)]
     masked = {readout.mask[i : i + 2] for i in range(0, len(readout.mask), 2)}
@@ -120,7 +127,7 @@ def _asked(
 def _arbiter(
     sensor: SensorParameters, seed: int, due: Requests, end_us: int, told: Told
 ) -> Requests:
-    """(when it was read, event). Each pixel holds one event at most."""
+    """Return (time at which it was read, event); each pixel holds at most one event."""
     readout = sensor.readout
     held: dict[tuple[int, int], Event] = {}
     coming = list(due)
@@ -160,7 +167,7 @@ def _arbiter(
 
 
 def _scan(sensor: SensorParameters, _: int, due: Requests, end_us: int, told: Told) -> Requests:
-    """(when it was read, event): of each pixel and scan the first."""
+    """Return (time at which it was read, event) for the first event of each pixel and scan."""
     step_ns = sensor.readout.scan_us * 1000
     first: dict[tuple[int, int, int], Event] = {}
     for ns, event in due:
@@ -175,7 +182,7 @@ def _scan(sensor: SensorParameters, _: int, due: Requests, end_us: int, told: To
 
 
 def _controlled(sensor: SensorParameters, read: Requests, told: Told) -> Requests:
-    """What event rate control lets through."""
+    """Return the events that event rate control lets through."""
     readout = sensor.readout
     if not readout.erc_target:
         return read
@@ -205,12 +212,12 @@ def _in_pattern(drop: str, i: int, event: Event, before: int, target: int) -> bo
 
 
 def _linked(sensor: SensorParameters, passed: Requests, told: Told) -> Requests:
-    """(when it is stamped, event) of what the link takes."""
+    """Return (time of its stamp, event) for each event that the link accepts."""
     readout = sensor.readout
     if not readout.link_rate:
         return passed
     step_ns = Fraction(10**9, readout.link_rate)
-    leaving: list[Fraction] = []  # exact moments, of what was taken
+    leaving: list[Fraction] = []  # exact times at which accepted events leave
     busy_ns, count = Fraction(0), 0
     taken: Requests = []
     for ns, event in passed:

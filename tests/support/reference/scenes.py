@@ -1,4 +1,4 @@
-"""Scenes written by hand: geoms by shape and size, where they are, and a plain camera."""
+"""Scenes written by hand: geoms by shape and size, their places, and a plain camera."""
 
 from __future__ import annotations
 
@@ -23,10 +23,17 @@ def scene_of(
     lights: tuple[Light, ...] = (SUN,),
     **more: Any,
 ) -> SceneModel:
-    """Geoms of these shapes and sizes (n, 3), in the light of a sun unless there are other lights.
+    """Make a scene of geoms.
 
-    In: surface (n), of each geom, the first; mesh (n), where a shape has one, the first; static
-    (n) or one for all; more, any other field of SceneModel.
+    Args:
+        shapes: The shapes of the n geoms.
+        sizes: Their sizes (n, 3), m.
+        surface: The index of each geom's surface, (n,) whole numbers; the first one if None.
+        mesh: The index of each geom's mesh, (n,) whole numbers; the first one if None. It counts
+            only for shapes that have a mesh.
+        static: Whether each geom is static, (n,) bool, or one value for all.
+        lights: The lights; by default a sun.
+        **more: Other fields of SceneModel.
     """
     count = len(shapes)
     index = np.zeros(count, np.int32) if mesh is None else np.asarray(mesh, np.int32)
@@ -51,9 +58,15 @@ def shot_of(
     shining: npt.ArrayLike = (0.0, 0.0, -1.0),
     t_us: int = 0,
 ) -> SceneSnapshot:
-    """Geoms at `places` (n, 3), upright unless `mats` (n, 9) says else.
+    """Make a snapshot of a scene of n geoms and m lights.
 
-    In: lamps, where the lights are, 4 m up; shining, where their light goes, of one or all (nl, 3).
+    Args:
+        scene: The scene.
+        places: The positions of the geoms, (n, 3), m.
+        mats: Their rotations (n, 9), row-major; upright if None.
+        lamps: The positions of the lights, (m, 3), m; 4 m above the origin if None.
+        shining: The directions in which the lights shine, (m, 3), or one (3,) for all.
+        t_us: The time of the snapshot.
     """
     count, lights = len(scene.geom_type), len(scene.lights)
     upright, up = np.tile(np.eye(3).reshape(9), (count, 1)), np.tile([0.0, 0.0, 4.0], (lights, 1))
@@ -67,5 +80,12 @@ def shot_of(
 
 
 def camera_of(width: int, height: int, focal: float, orthographic: bool = False) -> CameraModel:
-    """Square pixels, the optical axis through the middle. In: focal, px; orthographic: px/m."""
+    """Make a camera with square pixels whose optical axis passes through the middle.
+
+    Args:
+        width: Width of the picture, px.
+        height: Height of the picture, px.
+        focal: The focal length, px; px/m if the camera is orthographic.
+        orthographic: Whether the projection is orthographic.
+    """
     return CameraModel(width, height, focal, focal, width / 2, height / 2, orthographic)

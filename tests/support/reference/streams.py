@@ -1,4 +1,4 @@
-"""Hypothesis strategies for recordings: a stream and packets of it."""
+"""A Hypothesis strategy for recordings: a stream and its packets."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from evs.msgs import Events, StreamInfo, make_events
 
 EDGES_US = (0, 1, 999, 1000, 2**24, 2**31, 2**32, 2**33, 2**34 - 1_000_000)
-"""Where something wraps in one format or another."""
+"""Stamps at which something wraps in one format or another, us."""
 
 
 @st.composite
@@ -21,9 +21,14 @@ def streams(
     edges_us: Sequence[int] = EDGES_US,
     step_us: int = 2**30,
 ) -> tuple[StreamInfo, list[Events]]:
-    """A stream and its packets: sorted, near a stamp at which something wraps, or far from it.
+    """Draw a stream and its packets: sorted, and near a stamp at which something wraps or far away.
 
-    In: width, height, the largest sensor; edges_us, such stamps; step_us, the longest pause.
+    Args:
+        draw: Given by Hypothesis.
+        width: The largest width of the sensor, px.
+        height: The largest height of the sensor, px.
+        edges_us: Stamps at which something wraps.
+        step_us: The longest pause between two events.
     """
     stream = StreamInfo(
         draw(st.integers(1, width)),

@@ -1,4 +1,4 @@
-"""Light that is known at every instant: log light is a sum of two sines, others in each pixel."""
+"""Light that is known at every instant: each pixel's log light is a sum of two sines."""
 
 from __future__ import annotations
 
@@ -12,23 +12,30 @@ from evs.emulator.sensor import PlainModel, SensorParameters
 from evs.msgs import Events, join_events
 
 MIDDLE = 4.0
-"""mean of log light, ln DN"""
+"""the mean of log light, ln DN"""
 
 
 @dataclass(frozen=True)
 class Waves:
-    """(h, w) pixels; log light is MIDDLE + sum of amplitude sin(2 pi rate t + phase)."""
+    """Waves on (h, w) pixels: log light is MIDDLE + sum of amplitude sin(2 pi rate t + phase)."""
 
     rate_hz: F64
     """(2, h, w)"""
     amplitude: F64
-    """(2, h, w) log units"""
+    """(2, h, w), log units"""
     phase: F64
     """(2, h, w)"""
 
     @classmethod
     def of(cls, side: int, fastest_hz: float, seed: int, whole: bool = False) -> Waves:
-        """Random waves. In: whole, rates are whole numbers, so that a second is a period."""
+        """Make random waves on a square sensor.
+
+        Args:
+            side: The side of the sensor, px.
+            fastest_hz: The highest rate.
+            seed: The seed of the random numbers.
+            whole: Whether rates are rounded up to whole numbers, so that a second is a period.
+        """
         rng = np.random.default_rng(seed)
         shape = (2, side, side)
         rate = rng.uniform(0.5, fastest_hz, shape)
@@ -37,12 +44,12 @@ class Waves:
         return cls(rate, rng.uniform(0.3, 1.0, shape), rng.uniform(0, 2 * np.pi, shape))
 
     def log(self, t_us: float) -> F64:
-        """(h, w) log light, ln DN."""
+        """Return log light at a time, (h, w), ln DN."""
         angle = 2 * np.pi * self.rate_hz * (t_us * 1e-6) + self.phase
         return np.asarray(MIDDLE + (self.amplitude * np.sin(angle)).sum(axis=0))
 
     def luminance(self, t_us: float) -> F32:
-        """(h, w) for a sensor with exposure_dn = 1."""
+        """Return luminance at a time for a sensor with exposure_dn = 1, (h, w)."""
         return np.exp(self.log(t_us)).astype(np.float32)
 
 
@@ -53,9 +60,9 @@ def run(
     end_us: int,
     seed: int = 0,
 ) -> Events:
-    """Events of (0, end_us] with ticks of that length; light(0) sets the references."""
+    """Return the events of (0, end_us] with ticks of `tick_us`; light(0) sets the references."""
     model = PlainModel(sensor, 1)
-    # a first tick of 1 us: the sensor's own clock begins at the same time whatever tick_us is
+    # a first tick of 1 us: the sensor's own clock begins at the same time, whatever tick_us is
     _, state = model.step(light(0), model.init(seed), -1, 0)
     parts = []
     for t_us in range(tick_us, end_us + 1, tick_us):

@@ -1,5 +1,8 @@
-"""A function in a process of its own, with its own environment: other people's libraries in there
-cannot be told anything after their start, and may end the process that loads them."""
+"""A function in a process of its own, with an environment of its own.
+
+The third-party libraries that it loads cannot be configured after their start, and may end the
+process that loads them.
+"""
 
 from __future__ import annotations
 
@@ -12,21 +15,21 @@ from typing import Any
 
 
 class AbsentError(Exception):
-    """What a yardstick needs is not on this machine; the message says what, and the mend."""
+    """What a yardstick needs is missing on this machine; the message names it and the remedy."""
 
 
 class Elsewhere:
-    """The function: `call` returns what it returns, `run` only waits for it."""
+    """The function: `call` returns its result, `run` only waits for it."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe = pipe
 
     def call(self, *args: object) -> Any:
-        """Its result."""
+        """Call the function and return its result."""
         return self._ask(args, True)
 
     def run(self, *args: object) -> None:
-        """No more than a message either way, so that nothing else is timed."""
+        """Call the function without returning its result, so that little else is timed."""
         self._ask(args, False)
 
     def _ask(self, args: tuple[object, ...], wanted: bool) -> Any:
@@ -38,9 +41,18 @@ class Elsewhere:
 def elsewhere(
     make: Callable[..., Callable[..., object]], *args: object, environment: dict[str, str]
 ) -> Iterator[Elsewhere]:
-    """What `make(*args)` returns, there. In: environment, set before anything is imported.
+    """Run `make(*args)` in a process of its own, which serves the function that it returns.
 
-    Raises AbsentError where `make` does.
+    Args:
+        make: Makes the function, in that process.
+        *args: The arguments of `make`.
+        environment: Variables that are set in that process before anything is imported.
+
+    Yields:
+        The function; the process ends with the block.
+
+    Raises:
+        AbsentError: If `make` raises it.
     """
     spawn = multiprocessing.get_context("spawn")
     ours, theirs = spawn.Pipe()
@@ -57,7 +69,7 @@ def elsewhere(
             raise AbsentError(absent)
         yield Elsewhere(ours)
     finally:
-        # it ends when nobody is left to ask
+        # the process ends when the pipe is closed
         ours.close()
         process.join(10)
         process.kill()

@@ -1,6 +1,6 @@
-"""robosuite's Panda at its table: MJCF and meshes out of its wheel, which nobody imports.
+"""robosuite's Panda at its table: MJCF and meshes from its wheel, which is never imported.
 
-The wheel is fetched once (150 MB), by `pip download`, and what is needed of it kept in build/.
+`pip download` fetches the wheel once (150 MB); the files that are needed are kept in build/.
 """
 
 from __future__ import annotations
@@ -20,16 +20,21 @@ from speed.view import View, view_of
 ASSETS = "robosuite/models/assets/"
 NEEDED = ("robots/panda/", "arenas/table_arena.xml", "textures/")
 MISSING = "robosuite's wheel cannot be fetched ({}): go online once, or put it into build/robosuite"
-# robosuite's own: PandaRobot.init_qpos, and its base's place behind a table of 0.8 m
+# as in robosuite: PandaRobot.init_qpos, and the place of its base behind a table of 0.8 m
 HOME = [0.0, np.pi / 16, 0.0, -np.pi / 2 - np.pi / 3, 0.0, np.pi - 0.2, np.pi / 4]
 BASE = [-0.56, 0.0, 0.912]
 EYE, LOOKAT = np.array([0.45, -0.75, 1.45]), np.array([-0.28, 0.0, 1.25])
 
 
 def panda(checkout: Path, shadows: bool) -> View:
-    """The arm in its first pose, and a camera that it nearly fills the height of.
+    """View the arm in its first pose by a camera whose height it nearly fills.
 
-    In: shadows, its lamp casts them, which robosuite's does not. Raises AbsentError.
+    Args:
+        checkout: The root of the repository.
+        shadows: Whether the lamp casts shadows, which robosuite's does not.
+
+    Raises:
+        AbsentError: If the wheel cannot be fetched.
     """
     model = panda_model(fetch_assets(checkout))
     model.light_castshadow[:] = shadows
@@ -39,11 +44,11 @@ def panda(checkout: Path, shadows: bool) -> View:
 
 
 def panda_model(assets: Path) -> mujoco.MjModel:
-    """141 k triangles, of which 127 k are seen; camera `bench`, keyframe 0 the first pose."""
+    """Make the model: 141 k triangles, 127 k visible; camera `bench`, keyframe 0 as first pose."""
     scene = mujoco.MjSpec.from_file(str(assets / "arenas/table_arena.xml"))
     arm = mujoco.MjSpec.from_file(str(assets / "robots/panda/robot.xml"))
     scene.attach(arm, frame=scene.worldbody.add_frame(pos=BASE), prefix="robot_")
-    # group 0 collides; robosuite hides it, MuJoCo would show it in the same place as what is seen
+    # group 0 collides; robosuite hides it, MuJoCo would show it in the place of the visible geoms
     for geom in scene.geoms:
         geom.group = 3 if geom.group == 0 else geom.group
     forward = LOOKAT - EYE
@@ -57,7 +62,11 @@ def panda_model(assets: Path) -> mujoco.MjModel:
 
 
 def fetch_assets(checkout: Path) -> Path:
-    """The folder of the wheel's MJCF files; raises AbsentError where there is no wheel."""
+    """Unpack the wheel and return the folder of its MJCF files.
+
+    Raises:
+        AbsentError: If the wheel cannot be fetched.
+    """
     folder = checkout / "build" / "robosuite"
     done = folder / "unpacked"
     if not done.exists():
@@ -74,7 +83,11 @@ def fetch_assets(checkout: Path) -> Path:
 
 
 def download(folder: Path, checkout: Path) -> Path:
-    """The pinned wheel, in `folder`."""
+    """Download the pinned wheel into `folder`.
+
+    Raises:
+        AbsentError: If pip cannot fetch it.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     print("\nfetching robosuite's wheel, 150 MB, once")
     pins = (checkout / ".ci/constraints.txt").read_text().splitlines()

@@ -15,14 +15,14 @@ ROUNDS = 15
 
 @dataclass(frozen=True)
 class Time:
-    """Of one call, in ms: the median and the quartiles."""
+    """The time of one call, in ms: the median and the quartiles."""
 
     median: float
     low: float
     high: float
 
     def __truediv__(self, shared: float) -> Time:
-        """Of one part of it, as of one sample of 16."""
+        """Return the time of one part of the call, such as one sample of 16."""
         return Time(self.median / shared, self.low / shared, self.high / shared)
 
     def __str__(self) -> str:
@@ -30,7 +30,7 @@ class Time:
 
 
 def milliseconds(calls: Calls, rounds: int = ROUNDS) -> dict[str, Time]:
-    """Time of each call. They take turns, so that drift cancels; the first round is not counted."""
+    """Time each call. They take turns, so that drift cancels; the first round is not counted."""
     samples: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(rounds + 1):
         for name, call in calls.items():
@@ -41,14 +41,14 @@ def milliseconds(calls: Calls, rounds: int = ROUNDS) -> dict[str, Time]:
 
 
 def spread(samples: list[float]) -> Time:
-    """Median and quartiles."""
+    """Return the median and the quartiles of some samples."""
     low, high = np.quantile(samples, (0.25, 0.75)).tolist()
     return Time(statistics.median(samples), low, high)
 
 
 @dataclass(frozen=True)
 class Table:
-    """One topic: the rows are what is timed, the columns are scenes."""
+    """One topic: the rows are the calls that are timed, the columns are scenes."""
 
     title: str
     columns: dict[str, dict[str, Time]]
@@ -57,12 +57,12 @@ class Table:
     """row -> the row that it is compared with"""
 
     def ratio(self, scene: str, row: str) -> float:
-        """How many times as fast as its yardstick."""
+        """Return how many times as fast as its yardstick a row is."""
         times = self.columns[scene]
         return times[self.yardsticks[row]].median / times[row].median
 
     def __str__(self) -> str:
-        """For a terminal: median (quartiles) and how many times as fast as the yardstick."""
+        """The text: median (quartiles), and how many times as fast as the yardstick."""
         rows = [part for row, yardstick in self.yardsticks.items() for part in (yardstick, row)]
         cells = [["ms: median (quartiles)", *self.columns]]
         for row in dict.fromkeys(rows):
@@ -80,7 +80,14 @@ class Table:
 
 
 def target(what: str, found: float, bound: float, unit: str) -> str:
-    """Whether a target is met, in a line. In: unit, `x`: at least `bound`; else at most."""
+    """Report in one line whether a target is met.
+
+    Args:
+        what: What the target is about.
+        found: The value that was measured.
+        bound: The bound: the least value if the unit is "x", else the largest.
+        unit: The unit of both values.
+    """
     met = found >= bound if unit == "x" else found <= bound
     side = "at least" if unit == "x" else "at most"
     verdict = "met" if met else "MISSED"
