@@ -135,18 +135,25 @@ class RunLoop(ABC):
             self.ended = f"interrupted at {self.sim_seconds:.6g} s, while closing"
         elif closing is not None and failure is None:
             self.ended, failure = f"error while closing: {closing}", closing
-        report = self.statistics.report(
-            ended=self.ended,
-            sim_seconds=self.sim_seconds,
-            wall_seconds=self.wall_seconds,
-            sinks=self._sinks.reports,
-            pace=self.pacer.report(),
-            warnings=self.warnings,
-            config=dict(config or {}),
-            loop=self.describe(),
-        )
-        if on_report is not None and self.began:
-            on_report(report)
+        try:
+            report = self.statistics.report(
+                ended=self.ended,
+                sim_seconds=self.sim_seconds,
+                wall_seconds=self.wall_seconds,
+                sinks=self._sinks.reports,
+                pace=self.pacer.report(),
+                warnings=self.warnings,
+                config=dict(config or {}),
+                loop=self.describe(),
+            )
+            if on_report is not None and self.began:
+                on_report(report)
+        except MemoryError:
+            # what ended the run matters more than its report
+            if failure is None:
+                raise
+            self.warn("no memory is left for the run report")
+            raise failure from failure.__cause__
         if failure is not None:
             raise failure
         return report

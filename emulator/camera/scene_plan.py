@@ -267,7 +267,7 @@ def is_unlit(scene: SceneModel, render: RenderConfig) -> bool:
 
 def _is_grey(scene: SceneModel, light: Light) -> bool:
     colours = (light.ambient, light.diffuse, light.specular)
-    if any(np.unique(np.array(colour, np.float32)).size > 1 for colour in colours):
+    if any(np.ptp(np.array(colour, np.float32)) > 0 for colour in colours):
         return False
     if light.kind is not LightKind.IMAGE:
         return True

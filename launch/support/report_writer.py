@@ -19,16 +19,11 @@ class ReportWriter:
 
     def __call__(self, report: Report) -> None:
         """Write it to every file; a failure is a warning."""
-        siblings = [report_beside(file) for file in report.loop.get("files", ())]
-        for target in [*self._targets, *siblings]:
+        beside = [report_beside(file) for file in report.loop.get("files", ())]
+        for target in [*self._targets, *beside]:
             try:
                 write_report(report, target)
-            except (EvsError, MemoryError) as reason:
-                # a full disk, no memory left: the others, and what ended the run, matter more
-                error = (
-                    reason
-                    if isinstance(reason, EvsError)
-                    else EvsError(f"cannot write '{target}': out of memory")
-                )
+            except EvsError as error:
+                # a full disk: the others, and what ended the run, matter more
                 self.failures.append(error)
                 terminal.warn(str(error))

@@ -262,7 +262,7 @@ def _lost_events(ended: ProcessResult, limit: int) -> int:
     if ended.report:
         counted = sum(int(sink["events"]) for sink in ended.report["sinks"])
         return abs(counted - len(ended.recorded))
-    if len(ended.recorded) and not any("report.json" in line for line in ended.warnings):
+    if len(ended.recorded) and not any("run report" in line for line in ended.warnings):
         raise EvsError(f"with {limit / 1e6:g} MB a run recorded events and reported nothing")
     return 0
 

@@ -34,7 +34,14 @@ class Launched:
         file.write_text(text)
         command = [sys.executable, "-W", "error", "-m", "evs.launch.main", "launch", str(file)]
         pipe = subprocess.PIPE
-        self.process = subprocess.Popen([*command, *given], stdout=pipe, stderr=pipe, text=True)
+        self.process = subprocess.Popen(
+            [*command, *given],
+            stdout=pipe,
+            stderr=pipe,
+            text=True,
+            # tests that were started by nohup pass their deaf ears on
+            preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),
+        )
 
     def wait_for(self, line: str) -> None:
         """Until a node has said this."""

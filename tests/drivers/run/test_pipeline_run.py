@@ -250,6 +250,19 @@ def test_an_error_of_the_world_closes_every_sink_and_is_raised_as_it_is() -> Non
     assert (kept[0].ticks, kept[0].events, kept[0].sinks[0]["packets"]) == (7, 14, 7)
 
 
+def test_no_memory_for_the_report_does_not_hide_what_ended_the_run() -> None:
+    def exhausted(_: Report) -> None:
+        raise MemoryError
+
+    warned = list[str]()
+    world = FakeWorld(t7=PhysicsError("unstable at 0.007 s"))
+    with pytest.raises(PhysicsError, match="unstable"):
+        run(world, [FakeSink("one", [])], 1.0, on_report=exhausted, warn=warned.append)
+    assert warned == ["no memory is left for the run report"]
+    with pytest.raises(MemoryError):
+        run(FakeWorld(), [FakeSink("one", [])], 0.01, on_report=exhausted)
+
+
 def test_a_full_disk_is_one_line_and_the_other_sinks_are_closed() -> None:
     diary, kept = list[str](), list[Report]()
     sinks = [FakeSink("one", diary), FakeSink("two", diary, write=full_disk())]
