@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -16,7 +17,7 @@ LONGEST_US = 5000
 """longest exposure of a slow camera, which is enough in bright light"""
 
 
-class SeededLoop(Loop):
+class SeededLoop(Loop, ABC):
     """A closed loop whose seed draws the start of an episode."""
 
     def reset(
@@ -41,9 +42,9 @@ class SeededLoop(Loop):
         drawn = self._draw_start(np.random.default_rng(seed % 2**64))
         return super().reset(seed, keyframe, state, start or drawn)
 
+    @abstractmethod
     def _draw_start(self, random: np.random.Generator) -> Callable[[MjData], None]:
         """Draw a start; the function that is returned sets it."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)

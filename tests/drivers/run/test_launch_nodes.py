@@ -39,7 +39,7 @@ class Launched:
             stdout=pipe,
             stderr=pipe,
             text=True,
-            # tests that were started by nohup pass their deaf ears on
+            # under nohup, SIGHUP is ignored by every child
             preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),
         )
 
