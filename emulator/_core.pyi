@@ -365,7 +365,7 @@ class PixelSettings:
         Terms at zero are off.
 
         Args:
-            log: linlog or log_eps.
+            log: linlog, log_eps or ln.
             exposure_dn, dark_dn, linlog_dn, log_eps: The map from luminance to log
                 intensity.
             euler: Whether filters step as in v2e.

@@ -123,8 +123,9 @@ class PixelKeys(Generic[Unset]):
     log: str | Unset = parameter(
         "linlog",
         "log map. linlog: ln DN at and above linlog_dn, (ln linlog_dn / linlog_dn) DN below | "
-        "log_eps: ln(DN / 255 + log_eps)",
-        choices=("linlog", "log_eps"),
+        "log_eps: ln(DN / 255 + log_eps) | ln: ln DN of photocurrent and dark current, as in "
+        "silicon; it needs dark_lux above 0",
+        choices=("linlog", "log_eps", "ln"),
         noun="log map",
     )
     linlog_dn: float | Unset = parameter(

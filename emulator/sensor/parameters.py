@@ -146,6 +146,11 @@ class SensorParameters(PixelKeys[Never], _Named):
         if 0 < self.dark_dn < MIN_DARK_DN:  # its logarithm would be a denormal float32
             least = MIN_DARK_DN * self.lux_per_dn
             raise EvsError(f"sensor.dark_lux is {self.dark_lux:g}; give 0 or over {least:g}")
+        if self.log == "ln" and self.dark_lux == 0:
+            raise EvsError(
+                "sensor.log is ln, but sensor.dark_lux is 0 and black has no logarithm; "
+                "give sensor.dark_lux, or sensor.log=linlog"
+            )
         if self.hot_pixel_fraction + self.dead_pixel_fraction > 1.0:
             raise EvsError(
                 "sensor.hot_pixel_fraction and sensor.dead_pixel_fraction are over 1 together; "

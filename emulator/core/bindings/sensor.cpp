@@ -31,7 +31,11 @@ LogMap make_log_map(const std::string& log, float exposure_dn, float dark_dn, fl
                     float log_eps) {
   if (log == "linlog") return LogMap::linlog(exposure_dn, dark_dn, linlog_dn);
   if (log == "log_eps") return LogMap::log_eps(exposure_dn, dark_dn, log_eps);
-  throw std::invalid_argument("log must be linlog or log_eps, not " + log);
+  if (log == "ln" && !(dark_dn > 0.0f)) {
+    throw std::invalid_argument("log = ln needs a dark current above 0");
+  }
+  if (log == "ln") return LogMap::physical(exposure_dn, dark_dn);
+  throw std::invalid_argument("log must be linlog, log_eps or ln, not " + log);
 }
 
 // A Python array that owns `data`.
@@ -205,9 +209,8 @@ Floats log_map(Line luminance, const std::string& log, float exposure_dn, float 
   std::unique_ptr<float[]> out(new float[count]);
   for (size_t i = 0; i < count; i++) {
     const float dn = to_dn(map, luminance.data()[i]);
-    const float mapped = map.kind == LogKind::linlog ? to_log<LogKind::linlog>(map, dn)
-                                                     : to_log<LogKind::log_eps>(map, dn);
-    out[i] = is_usable(luminance.data()[i], dn) ? mapped : std::bit_cast<float>(0x7fc00000u);
+    const bool usable = is_usable(luminance.data()[i], dn);
+    out[i] = usable ? to_log(map, dn) : std::bit_cast<float>(0x7fc00000u);
   }
   return owned<Floats>(std::move(out), count);
 }
@@ -228,7 +231,7 @@ void bind_sensor(nb::module_& m) {
            "Terms at zero are off.\n"
            "\n"
            "Args:\n"
-           "    log: linlog or log_eps.\n"
+           "    log: linlog, log_eps or ln.\n"
            "    exposure_dn, dark_dn, linlog_dn, log_eps: The map from luminance to log\n"
            "        intensity.\n"
            "    euler: Whether filters step as in v2e.\n"

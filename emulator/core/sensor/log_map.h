@@ -9,6 +9,7 @@ namespace evs {
 enum class LogKind {
   linlog,   // ln DN from the knee on, (ln knee / knee) DN below it
   log_eps,  // ln(DN / 255 + eps)
+  ln,       // ln DN: photocurrent and dark current; `dark` is above 0
 };
 
 struct LogMap {
@@ -26,6 +27,9 @@ struct LogMap {
   }
   static LogMap log_eps(float exposure, float dark, float eps) {
     return {LogKind::log_eps, exposure, dark, eps, 0.0f, 0.0f, 0.0f};
+  }
+  static LogMap physical(float exposure, float dark) {
+    return {LogKind::ln, exposure, dark, 0.0f, 0.0f, 0.0f, 0.0f};
   }
 };
 
@@ -53,7 +57,7 @@ EVS_ALWAYS_INLINE float log_part(const LogMap& map, float dn) {
 // Log intensity of a DN, given its logarithmic branch. Monotone, also across the knee.
 template <LogKind kind>
 EVS_ALWAYS_INLINE float with_log_part(const LogMap& map, float dn, float part) {
-  if constexpr (kind == LogKind::log_eps) {
+  if constexpr (kind != LogKind::linlog) {
     return part;
   } else {
     const float line = map.slope * dn;
@@ -65,6 +69,13 @@ EVS_ALWAYS_INLINE float with_log_part(const LogMap& map, float dn, float part) {
 template <LogKind kind>
 EVS_ALWAYS_INLINE float to_log(const LogMap& map, float dn) {
   return with_log_part<kind>(map, dn, log_part<kind>(map, dn));
+}
+
+// The same for a kind that is known only at run time.
+inline float to_log(const LogMap& map, float dn) {
+  if (map.kind == LogKind::linlog) return to_log<LogKind::linlog>(map, dn);
+  if (map.kind == LogKind::log_eps) return to_log<LogKind::log_eps>(map, dn);
+  return to_log<LogKind::ln>(map, dn);
 }
 
 }  // namespace evs

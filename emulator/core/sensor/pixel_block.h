@@ -197,10 +197,7 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
 
   // front end
   apply_skipped_leak(step, first, count);
-  const size_t clamped =
-      step.settings.map.kind == LogKind::linlog
-          ? log_intensity<LogKind::linlog>(step, first, count, s, seen.safe, changed)
-          : log_intensity<LogKind::log_eps>(step, first, count, s, seen.safe, changed);
+  const size_t clamped = log_intensity(step, first, count, s, seen.safe, changed);
   const Signal signal = limit_bandwidth(step, first, count, s, changed);
   // find the pixels at a threshold and those with noise
   const bool drifts = step.pattern.leak != nullptr || step.settings.highpass > 0.0;

@@ -98,6 +98,19 @@ EVS_ALWAYS_INLINE size_t log_intensity(const PixelStep& step, size_t first, size
   return clamped;
 }
 
+// The same for the kind of this sensor, which is chosen once a block.
+EVS_ALWAYS_INLINE size_t log_intensity(const PixelStep& step, size_t first, size_t count,
+                                       Scratch& s, bool safe, bool& changed) {
+  switch (step.settings.map.kind) {
+    case LogKind::linlog:
+      return log_intensity<LogKind::linlog>(step, first, count, s, safe, changed);
+    case LogKind::log_eps:
+      return log_intensity<LogKind::log_eps>(step, first, count, s, safe, changed);
+    default:
+      return log_intensity<LogKind::ln>(step, first, count, s, safe, changed);
+  }
+}
+
 // One pole. In: its input `x0` and `x1` at the start and the end of the tick; `step_pole`, one
 // step. In/out: `state`, its output; `changed`, set if a state changes. Out: `from`, the output at
 // the start of the tick. At its first light a pixel starts from its log intensity.

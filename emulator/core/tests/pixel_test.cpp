@@ -141,6 +141,7 @@ void pixels_survive_any_light() {
         t.settings.noise_gain = t.settings.drift_gain = t.settings.least_gain = 0.1f;
         t.settings.running_mean = true;
       },
+      [](Terms& t) { t.settings.map = LogMap::physical(255, 0.1f); },
   };
   Terms all;
   survives(all);

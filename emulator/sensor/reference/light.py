@@ -57,6 +57,8 @@ def log_light(luminance: F32, sensor: SensorParameters) -> F32:
     dn = np.where(usable, to_dn(luminance, sensor), np.float32(1)).astype(np.float32)
     if sensor.log == "log_eps":
         mapped = natural_log(dn / np.float32(255) + np.float32(sensor.log_eps))
+    elif sensor.log == "ln":
+        mapped = natural_log(dn)
     else:
         knee = np.array([sensor.linlog_dn], np.float32)
         ln_knee = natural_log(knee)

@@ -31,7 +31,7 @@ def steps_of(
     return LogDelta.of(sensor, through_network()).step(film, state).reshape(-1), state
 
 
-@pytest.mark.parametrize("log", ["linlog", "log_eps"])
+@pytest.mark.parametrize("log", ["linlog", "log_eps", "ln"])
 def test_the_log_is_the_pixels_own_with_the_knee_of_the_network(log: str) -> None:
     """The same bits as the native log map; the sensor's own map and knee are not asked."""
     sensor = SensorParameters(

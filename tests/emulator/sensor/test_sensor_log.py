@@ -65,6 +65,9 @@ MAPS = [
     sensor(linlog_dn=1.001, dark_lux=0.3 * 1000 / 255),
     sensor(log="log_eps"),
     sensor(log="log_eps", log_eps=1e-6, exposure_dn=1e4, dark_lux=2000 / 255),
+    sensor(log="ln", dark_lux=0.1),
+    sensor(log="ln", dark_lux=1e-9, exposure_dn=1e-3),
+    sensor(log="ln", dark_lux=5.0, exposure_dn=1e4),
 ]
 
 
@@ -72,6 +75,8 @@ def exact_map(luminance: F32, pixel: SensorParameters) -> np.ndarray:
     dn = luminance.astype(np.float64) * pixel.exposure_dn + pixel.dark_dn
     if pixel.log == "log_eps":
         return np.asarray(np.log(dn / 255 + pixel.log_eps))
+    if pixel.log == "ln":
+        return np.asarray(np.log(dn))
     rho = pixel.linlog_dn
     return np.where(dn >= rho, np.log(np.maximum(dn, rho)), math.log(rho) / rho * dn)
 
@@ -106,6 +111,26 @@ def test_maps_have_the_oracles_bits(pixel: SensorParameters) -> None:
     luminance[:6] = [0.0, -0.0, np.nan, np.inf, -np.inf, 3.4e38]
     ours, oracle = log_light(luminance, pixel), reference.log_light(luminance, pixel)
     assert ours.tobytes() == oracle.tobytes()
+
+
+def test_ln_sees_a_ratio_alike_at_every_light_above_the_dark_current() -> None:
+    """A step by 4 at 1000 ... 1 lux; linlog's knee at 10.7 lux halves it at 3 lux."""
+    lux = np.array([1000.0, 100.0, 10.0, 3.0, 1.0])
+    light = (lux / 1000.0).astype(F)
+    physical, knee = sensor(log="ln", dark_lux=0.01), sensor(dark_lux=0.01)
+    step = log_light(F(4) * light, physical) - log_light(light, physical)
+    # the dark current takes its share: ln((4 E + d) / (E + d))
+    assert step == pytest.approx(np.log((4 * lux + 0.01) / (lux + 0.01)), abs=2e-6)
+    assert step.min() > 0.99 * math.log(4)
+    linear = log_light(F(4) * light, knee) - log_light(light, knee)
+    assert linear[3] < 0.65 * math.log(4)
+    assert linear[4] < 0.25 * math.log(4)
+
+
+def test_the_dark_current_alone_is_the_floor_of_ln() -> None:
+    pixel = sensor(log="ln", dark_lux=0.1)
+    black = log_light(np.zeros(1, F), pixel)
+    assert black[0] == pytest.approx(math.log(0.1 * 255 / 1000), rel=1e-6)
 
 
 def test_what_is_no_light_is_nan_and_what_is_tiny_is_black() -> None:

@@ -146,6 +146,7 @@ def test_unknown_preset_says_the_nearest_first() -> None:
         (SensorConfig(log_eps=0.0), "sensor.log_eps is 0"),
         (SensorConfig(dark_lux=-1.0), "sensor.dark_lux is -1"),
         (SensorConfig(dark_lux=1e-40), "sensor.dark_lux is 1e-40; give 0 or"),
+        (SensorConfig(preset="ideal", log="ln"), "sensor.dark_lux is 0 and black has no logarithm"),
         (SensorConfig(exposure_dn=0.0), "sensor.exposure_dn is 0"),
         (SensorConfig(exposure_dn=math.nan), "sensor.exposure_dn is nan"),
         (SensorConfig(log="linear"), "no log map (sensor.log) 'linear'; there is: linlog"),
