@@ -360,7 +360,7 @@ class Readout:
 class PixelSettings:
     """The settings that all pixels share."""
 
-    def __init__(self, *, log: str, exposure_dn: float, dark_dn: float, linlog_dn: float, log_eps: float, euler: bool = False, lowpass_low: float = 0.0, lowpass_slope: float = 0.0, follower: float = 0.0, highpass: float = 0.0, parasitic_slope: float = 0.0, refractory_us: int = 0, causes: bool = False, noise_gain: float = 0.0, drift_gain: float = 0.0, least_gain: float = 0.0, noise_weight: float = 0.0, shot_bright: float = 1.0, shot_inverse: bool = False, shot_slope: float = 0.0, shot_offset: float = 0.0, shot_dim_dn: float = 0.0, seed: int = 0) -> None:
+    def __init__(self, *, log: str, exposure_dn: float, dark_dn: float, linlog_dn: float, log_eps: float, euler: bool = False, large_signal: bool = False, lowpass_low: float = 0.0, lowpass_slope: float = 0.0, follower: float = 0.0, highpass: float = 0.0, parasitic_slope: float = 0.0, refractory_us: int = 0, causes: bool = False, noise_gain: float = 0.0, drift_gain: float = 0.0, least_gain: float = 0.0, noise_weight: float = 0.0, shot_bright: float = 1.0, shot_inverse: bool = False, shot_slope: float = 0.0, shot_offset: float = 0.0, shot_dim_dn: float = 0.0, seed: int = 0) -> None:
         """
         Terms at zero are off.
 
@@ -369,6 +369,7 @@ class PixelSettings:
             exposure_dn, dark_dn, linlog_dn, log_eps: The map from luminance to log
                 intensity.
             euler: Whether filters step as in v2e.
+            large_signal: Whether the photoreceptor is the large-signal one.
             lowpass_low, lowpass_slope: The photoreceptor's 2 pi f at DN 0, 1 / us, and
                 its slope per DN.
             follower, highpass: 2 pi f, 1 / us.
@@ -418,6 +419,13 @@ def lowpass_steps(z: Annotated[NDArray[numpy.float32], dict(shape=(None,), order
     """
     Return (a, b) of a one-pole low pass for z = 2 pi f dt (n,) float32, as the
     pixel does.
+    """
+
+def large_signal_steps(z: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], y0: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], x0: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], x1: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
+    """
+    Return y1 of the large-signal photoreceptor, (n,) float32 each, as the pixel
+    steps it: z = 2 pi f dt, y0 its output, x0 and x1 the log light at the ends of
+    the tick.
     """
 
 def log_map(luminance: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], log: str, exposure_dn: float, dark_dn: float, linlog_dn: float, log_eps: float) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:

@@ -183,8 +183,10 @@ class PixelKeys(Generic[Unset]):
     filter: str | Unset = parameter(
         "exact",
         "integration of the low-pass filters. exact: for light that changes linearly within a "
-        "tick of any length | euler: v2e's y += min(1, 2 pi f dt) (x - y)",
-        choices=("exact", "euler"),
+        "tick of any length | large_signal: as exact, but the photoreceptor has its exponential "
+        "feedback, y' = 2 pi f (1 - e^(y - x)): large steps are fast into light and slow into the "
+        "dark | euler: v2e's y += min(1, 2 pi f dt) (x - y)",
+        choices=("exact", "euler", "large_signal"),
         noun="filter",
     )
     follower_hz: float | Unset = parameter(

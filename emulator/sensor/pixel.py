@@ -172,6 +172,7 @@ class PlainModel:
             linlog_dn=sensor.linlog_dn,
             log_eps=sensor.log_eps,
             euler=sensor.filter == "euler",
+            large_signal=sensor.filter == "large_signal",
             lowpass_low=turn * sensor.cutoff_hz * sensor.dim_lux / span_lux,
             lowpass_slope=turn * sensor.cutoff_hz * sensor.lux_per_dn / span_lux,
             follower=turn * sensor.follower_hz,

@@ -164,7 +164,8 @@ class ErrorMeter:
 
     def _reference(self, renderer: ClipRenderer, sensor: SensorConfig) -> _Reference:
         """Reference of a clip: every ms, through the low pass of `sensor`, stepped exactly."""
-        sensor = dataclasses.replace(sensor, filter="exact")
+        if resolve_sensor(sensor).filter != "large_signal":
+            sensor = dataclasses.replace(sensor, filter="exact")
         key = digest((renderer.clip.camera.width, sensor))
         if key not in self._references:
             half = dataclasses.replace(

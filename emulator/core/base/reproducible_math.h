@@ -66,8 +66,13 @@ EVS_ALWAYS_INLINE float flush_to_zero(float value, float least) {
   return size < least ? 0.0f : value;
 }
 
-// 1 - e^-z for 0 <= z <= 80; relative error below 1e-6.
-EVS_ALWAYS_INLINE float one_minus_exp(float z) {
+// e^-z for 0 <= z <= 80 in two parts: scale + scale * rest, where scale is a power of 2.
+struct ExpParts {
+  float scale;
+  float rest;
+};
+
+EVS_ALWAYS_INLINE ExpParts exp_parts(float z) {
   // z = k ln 2 - r, |r| <= ln 2 / 2; k ln 2 in two parts, the first exact
   const int32_t k = static_cast<int32_t>(z * 0x1.715476p+0f + 0.5f);
   const float whole = static_cast<float>(k);
@@ -78,9 +83,15 @@ EVS_ALWAYS_INLINE float one_minus_exp(float z) {
   p = p * r + 0x1.555556p-3f;
   p = p * r + 0.5f;
   p = p * r + 1.0f;
-  // e^r - 1 = p r and e^-z = 2^-k e^r; nothing cancels close to zero, where k is 0
-  const float scale = std::bit_cast<float>((127 - k) << 23);
-  return (1.0f - scale) - scale * (p * r);
+  // e^r - 1 = p r and e^-z = 2^-k e^r
+  return {std::bit_cast<float>((127 - k) << 23), p * r};
 }
+
+// 1 - e^-z; relative error below 1e-6. Nothing cancels close to zero, where the scale is 1.
+EVS_ALWAYS_INLINE float one_minus_exp(ExpParts e) { return (1.0f - e.scale) - e.scale * e.rest; }
+EVS_ALWAYS_INLINE float one_minus_exp(float z) { return one_minus_exp(exp_parts(z)); }
+
+// e^-z; relative error below 1e-6.
+EVS_ALWAYS_INLINE float exp_minus(ExpParts e) { return e.scale + e.scale * e.rest; }
 
 }  // namespace evs

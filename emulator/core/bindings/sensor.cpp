@@ -48,16 +48,17 @@ Out owned(std::unique_ptr<T[]> data, size_t count) {
 
 // The settings that all pixels share, from keywords.
 PixelSettings make_settings(const std::string& log, float exposure_dn, float dark_dn,
-                            float linlog_dn, float log_eps, bool euler, double lowpass_low,
-                            double lowpass_slope, double follower, double highpass,
-                            double parasitic_slope, uint32_t refractory_us, bool causes,
-                            float noise_gain, float drift_gain, float least_gain,
+                            float linlog_dn, float log_eps, bool euler, bool large_signal,
+                            double lowpass_low, double lowpass_slope, double follower,
+                            double highpass, double parasitic_slope, uint32_t refractory_us,
+                            bool causes, float noise_gain, float drift_gain, float least_gain,
                             float noise_weight, double shot_bright, bool shot_inverse,
                             double shot_slope, double shot_offset, double shot_dim_dn,
                             uint64_t seed) {
   PixelSettings settings;
   settings.map = make_log_map(log, exposure_dn, dark_dn, linlog_dn, log_eps);
   settings.euler = euler;
+  settings.large_signal = large_signal;
   settings.lowpass_low = lowpass_low;
   settings.lowpass_slope = lowpass_slope;
   settings.follower = follower;
@@ -202,6 +203,14 @@ nb::tuple lowpass_steps(Line z) {
                         owned<Floats>(std::move(b), z.shape(0)));
 }
 
+Floats large_signal_steps(Line z, Line y0, Line x0, Line x1) {
+  std::unique_ptr<float[]> out(new float[z.shape(0)]);
+  for (size_t i = 0; i < z.shape(0); i++) {
+    out[i] = large_signal(z.data()[i], y0.data()[i], x0.data()[i], x1.data()[i]);
+  }
+  return owned<Floats>(std::move(out), z.shape(0));
+}
+
 Floats log_map(Line luminance, const std::string& log, float exposure_dn, float dark_dn,
                float linlog_dn, float log_eps) {
   const LogMap map = make_log_map(log, exposure_dn, dark_dn, linlog_dn, log_eps);
@@ -221,13 +230,14 @@ void bind_sensor(nb::module_& m) {
   nb::class_<PixelSettings>(m, "PixelSettings", "The settings that all pixels share.")
       .def(nb::new_(&make_settings), nb::kw_only(), nb::arg("log"), nb::arg("exposure_dn"),
            nb::arg("dark_dn"), nb::arg("linlog_dn"), nb::arg("log_eps"), nb::arg("euler") = false,
-           nb::arg("lowpass_low") = 0.0, nb::arg("lowpass_slope") = 0.0, nb::arg("follower") = 0.0,
-           nb::arg("highpass") = 0.0, nb::arg("parasitic_slope") = 0.0,
-           nb::arg("refractory_us") = 0, nb::arg("causes") = false, nb::arg("noise_gain") = 0.0f,
-           nb::arg("drift_gain") = 0.0f, nb::arg("least_gain") = 0.0f,
-           nb::arg("noise_weight") = 0.0f, nb::arg("shot_bright") = 1.0,
-           nb::arg("shot_inverse") = false, nb::arg("shot_slope") = 0.0,
-           nb::arg("shot_offset") = 0.0, nb::arg("shot_dim_dn") = 0.0, nb::arg("seed") = 0,
+           nb::arg("large_signal") = false, nb::arg("lowpass_low") = 0.0,
+           nb::arg("lowpass_slope") = 0.0, nb::arg("follower") = 0.0, nb::arg("highpass") = 0.0,
+           nb::arg("parasitic_slope") = 0.0, nb::arg("refractory_us") = 0,
+           nb::arg("causes") = false, nb::arg("noise_gain") = 0.0f, nb::arg("drift_gain") = 0.0f,
+           nb::arg("least_gain") = 0.0f, nb::arg("noise_weight") = 0.0f,
+           nb::arg("shot_bright") = 1.0, nb::arg("shot_inverse") = false,
+           nb::arg("shot_slope") = 0.0, nb::arg("shot_offset") = 0.0, nb::arg("shot_dim_dn") = 0.0,
+           nb::arg("seed") = 0,
            "Terms at zero are off.\n"
            "\n"
            "Args:\n"
@@ -235,6 +245,7 @@ void bind_sensor(nb::module_& m) {
            "    exposure_dn, dark_dn, linlog_dn, log_eps: The map from luminance to log\n"
            "        intensity.\n"
            "    euler: Whether filters step as in v2e.\n"
+           "    large_signal: Whether the photoreceptor is the large-signal one.\n"
            "    lowpass_low, lowpass_slope: The photoreceptor's 2 pi f at DN 0, 1 / us, and\n"
            "        its slope per DN.\n"
            "    follower, highpass: 2 pi f, 1 / us.\n"
@@ -292,6 +303,11 @@ void bind_sensor(nb::module_& m) {
   m.def("lowpass_steps", &lowpass_steps, nb::arg("z").noconvert(),
         "Return (a, b) of a one-pole low pass for z = 2 pi f dt (n,) float32, as the\n"
         "pixel does.");
+  m.def("large_signal_steps", &large_signal_steps, nb::arg("z").noconvert(),
+        nb::arg("y0").noconvert(), nb::arg("x0").noconvert(), nb::arg("x1").noconvert(),
+        "Return y1 of the large-signal photoreceptor, (n,) float32 each, as the pixel\n"
+        "steps it: z = 2 pi f dt, y0 its output, x0 and x1 the log light at the ends of\n"
+        "the tick.");
   m.def("log_map", &log_map, nb::arg("luminance").noconvert(), nb::arg("log"),
         nb::arg("exposure_dn"), nb::arg("dark_dn"), nb::arg("linlog_dn"), nb::arg("log_eps"),
         "Return the log intensity of luminance (n,); NaN where it is negative, NaN or\n"

@@ -24,14 +24,16 @@ inline constexpr float kSettled = 80.0f;   // e^-80 vanishes beside 1
 inline constexpr float kLongest = 0x1p100f;
 inline constexpr float kSeriesBelow = 0x1.8p-5f;
 
-// a of z >= 0; z may be infinite, and a NaN counts as infinite. Relative error below 1e-6. The
-// minimum is taken of the bits, which have the order of such floats, because compilers vectorise
-// it.
-EVS_ALWAYS_INLINE float lowpass_a(float any_z) {
-  constexpr uint32_t kLimit = std::bit_cast<uint32_t>(kSettled);
-  const uint32_t bits = std::bit_cast<uint32_t>(any_z) & 0x7fffffffu;
-  return one_minus_exp(std::bit_cast<float>(bits < kLimit ? bits : kLimit));
+// The smaller of a number, without its sign, and a limit; a NaN counts as the limit. It is taken of
+// the bits, which have the order of such floats, because compilers vectorise it.
+EVS_ALWAYS_INLINE float at_most(float value, float limit) {
+  const uint32_t bits = std::bit_cast<uint32_t>(value) & 0x7fffffffu;
+  const uint32_t most = std::bit_cast<uint32_t>(limit);
+  return std::bit_cast<float>(bits < most ? bits : most);
 }
+
+// a of z >= 0; z may be infinite, and a NaN counts as infinite. Relative error below 1e-6.
+EVS_ALWAYS_INLINE float lowpass_a(float any_z) { return one_minus_exp(at_most(any_z, kSettled)); }
 
 // b of z and its a. Relative error below 4e-6.
 EVS_ALWAYS_INLINE float lowpass_b(float z, float a) {
@@ -54,6 +56,54 @@ EVS_ALWAYS_INLINE float lowpass(LowpassStep step, float y0, float x0, float x1) 
 EVS_ALWAYS_INLINE float lowpass_euler(float z, float y0, float x1) {
   const float share = z < 1.0f ? z : 1.0f;
   return flush_to_zero(y0 + share * (x1 - y0), kFaded);
+}
+
+// The large-signal photoreceptor. Its feedback transistor is exponential, so that the current into
+// its node is I - e^y, y in units of the thermal voltage: y' = w (1 - e^(y - x)) with x = ln I and
+// w in proportion to I. For small signals it is the pole above. A step into bright light is fast,
+// one into the dark slow, and never faster than w.
+//
+// q = e^(x - y) has the linear equation q' = (x' - w) q + w. With z = w dt, s = x1 - x0 and
+// m = z - s, a tick of a constant w and a straight x has the solution
+//
+//   e^(y0 - y1) = 1 + rho,   rho = zg - a + zg (e^v - 1),
+//   a = 1 - e^-z,   zg = z (1 - e^-|m|) / |m|,   v = max(s - z, 0) - (x1 - y0).
+//
+// In this form a pixel that has settled (s = 0, x1 = y0) has rho = 0 exactly, small steps keep
+// their relative precision, and no exponential of a large positive number occurs.
+inline constexpr float kSlowest = 0x1p-90f;  // a z below this moves nothing
+
+EVS_ALWAYS_INLINE float large_signal(float any_z, float y0, float x0, float x1) {
+  const float z = at_most(flush_to_zero(any_z, kSlowest), kLongest);
+  const float s = x1 - x0;
+  const float m = z - s;
+  const float v = (m < 0.0f ? -m : 0.0f) - (x1 - y0);
+  // a factor is taken out where e^-z and e^v both vanish, in a large step up, and where e^v
+  // overflows, in a large step down
+  const float least = z < -v ? z : -v;
+  const float shift = least > 64.0f ? least - 64.0f : 0.0f;
+  const float over = v > kSettled ? v - kSettled : 0.0f;
+
+  const float size = at_most(m, kLongest);
+  const bool is_short = size < 0x1p-24f;
+  const float share = select(is_short, 1.0f, lowpass_a(size) / select(is_short, 1.0f, size));
+  const ExpParts by_z = exp_parts(at_most(z - shift, kSettled));
+  const ExpParts by_v = exp_parts(at_most(v + shift, kSettled));
+  const float a = one_minus_exp(by_z);
+  const float zg = select(s == 0.0f, a, z * share);
+  const bool falls = v > 0.0f;
+  const float e_v = exp_minus(by_v);
+  const float grown = 1.0f / e_v;
+  const float rho =
+      (zg - a) + zg * select(falls, one_minus_exp(by_v) * grown, -one_minus_exp(by_v));
+
+  // ln(1 + rho); of a large step up by its two positive terms, where nothing cancels
+  const float sum = 1.0f + rho;
+  const bool rises_far = rho < -0.5f;
+  const float u = select(rises_far, exp_minus(by_z) + zg * select(falls, grown, e_v), sum);
+  const float lost = select(rises_far, 0.0f, rho - (sum - 1.0f)) / u;
+  const float y1 = (y0 - (ln(u) + lost)) + (shift - over);
+  return flush_to_zero(select(z > 0.0f, y1, y0), kFaded);
 }
 
 }  // namespace evs

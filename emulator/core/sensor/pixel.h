@@ -20,7 +20,8 @@ namespace evs {
 // The parameters that all pixels of a sensor share.
 struct PixelSettings {
   LogMap map;
-  bool euler = false;  // filters step as in v2e
+  bool euler = false;         // filters step as in v2e
+  bool large_signal = false;  // the photoreceptor does not step as a pole
   // photoreceptor bandwidth, 2 pi f = low + slope DN, 1 / us; both 0: unlimited
   double lowpass_low = 0.0;
   double lowpass_slope = 0.0;

@@ -162,6 +162,12 @@ EVS_ALWAYS_INLINE Signal limit_bandwidth(const PixelStep& step, size_t first, si
     };
     if (euler) {
       filter(euler_step, last_log, s.log, last_log, s.log, state, count, s.from[0], changed);
+    } else if (step.settings.large_signal) {
+      for (size_t i = 0; i < count; i++) {
+        s.a[i] = large_signal(low + slope * dn[i], state[i], last_log[i], s.log[i]);
+      }
+      auto stepped = [=](size_t i, float, float, float) { return a[i]; };
+      filter(stepped, last_log, s.log, last_log, s.log, state, count, s.from[0], changed);
     } else {
       // short loops, so that a core overlaps several iterations
       for (size_t i = 0; i < count; i++) s.a[i] = lowpass_a(low + slope * dn[i]);

@@ -11,7 +11,7 @@ import numpy as np
 
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor.parameters import SensorParameters
-from evs.emulator.sensor.reference.light import LN2_HIGH, LN2_LOW
+from evs.emulator.sensor.reference.light import LN2_HIGH, LN2_LOW, natural_log
 
 SETTLED = np.float32(80.0)
 """z from which on nothing of the old value is left"""
@@ -19,6 +19,8 @@ FOR_EVER = np.float32(2.0**100)
 """the largest z"""
 FADED = np.float32(2.0**-64)
 """a filter closer to 0 is 0, log units"""
+SLOWEST = np.float32(2.0**-90)
+"""a z below this does not move the large-signal photoreceptor"""
 NEAR = np.float32(0.046875)
 """z below which b comes from its series"""
 
@@ -60,16 +62,65 @@ def shares(z: F32) -> tuple[F32, F32]:
     return a, np.where(z < NEAR, near, far)
 
 
-def one_minus_exp(z: F32) -> F32:
-    """1 - e^-z for 0 <= z <= 80: z = k ln 2 - r, e^r - 1 by its series, e^-z = 2^-k e^r."""
+def exp_parts(z: F32) -> tuple[F32, F32]:
+    """e^-z for 0 <= z <= 80 as scale + scale rest: z = k ln 2 - r, scale = 2^-k, rest = e^r - 1."""
     k = (z * np.float32(math.log2(math.e)) + np.float32(0.5)).astype(np.int32)
     whole = k.astype(np.float32)
     r = (whole * LN2_HIGH - z) + whole * LN2_LOW
     scale = np.ldexp(np.float32(1), -k).astype(np.float32)
     with np.errstate(under="ignore"):
         series = _horner(r, [1.0 / math.factorial(n) for n in range(6, 0, -1)])
-        out: F32 = (np.float32(1) - scale) - scale * (series * r)
+        return scale, series * r
+
+
+def one_minus_exp(z: F32) -> F32:
+    """1 - e^-z for 0 <= z <= 80."""
+    scale, rest = exp_parts(z)
+    with np.errstate(under="ignore"):
+        out: F32 = (np.float32(1) - scale) - scale * rest
     return out
+
+
+def exp_minus(z: F32) -> F32:
+    """e^-z for 0 <= z <= 80."""
+    scale, rest = exp_parts(z)
+    out: F32 = scale + scale * rest
+    return out
+
+
+def large_signal(z: F32, y0: F32, x0: F32, x1: F32) -> F32:
+    """The large-signal photoreceptor's next value: core/sensor/lowpass.h."""
+    one, zero = np.float32(1), np.float32(0)
+    with np.errstate(all="ignore"):
+        z = at_most(np.where(np.abs(z) < SLOWEST, zero, z), FOR_EVER)
+        s = x1 - x0
+        m = z - s
+        v = np.where(m < 0, -m, zero) - (x1 - y0)
+        # what is taken out of the exponentials, so that none vanishes or overflows
+        least = np.where(z < -v, z, -v)
+        shift = np.where(least > 64, least - np.float32(64), zero)
+        over = np.where(v > SETTLED, v - SETTLED, zero)
+
+        size = at_most(m, FOR_EVER)
+        short = size < np.float32(2.0**-24)
+        mean = one_minus_exp(at_most(size, SETTLED)) / np.where(short, one, size)
+        by_z, by_v = at_most(z - shift, SETTLED), at_most(v + shift, SETTLED)
+        a = one_minus_exp(by_z)
+        zg = np.where(s == 0, a, z * np.where(short, one, mean))
+        e_v, less = exp_minus(by_v), one_minus_exp(by_v)
+        grown = one / e_v
+        rho = (zg - a) + zg * np.where(v > 0, less * grown, -less)
+
+        total, rises_far = one + rho, rho < np.float32(-0.5)
+        u = np.where(rises_far, exp_minus(by_z) + zg * np.where(v > 0, grown, e_v), total)
+        lost = np.where(rises_far, zero, rho - (total - one)) / u
+        y1 = (y0 - (natural_log(u) + lost)) + (shift - over)
+    return np.where(z > 0, y1, y0)
+
+
+def at_most(value: F32, limit: np.float32) -> F32:
+    """The smaller of |value| and the limit; a NaN counts as the limit."""
+    return np.where(np.abs(value) < limit, np.abs(value), limit)
 
 
 def follow(z: F32, y: F32, x0: F32, x1: F32, law: str) -> F32:
@@ -77,6 +128,8 @@ def follow(z: F32, y: F32, x0: F32, x1: F32, law: str) -> F32:
     with np.errstate(under="ignore"):
         if law == "euler":
             out = y + np.where(z < np.float32(1), z, np.float32(1)) * (x1 - y)
+        elif law == "large_signal":
+            out = large_signal(z, y, x0, x1)
         else:
             a, b = shares(z)
             out = y + (a * (x0 - y) + b * (x1 - x0))

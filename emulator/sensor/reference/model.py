@@ -139,7 +139,8 @@ class ReferenceModel:
             state.filtered = end
         if state.followed is not None:
             z = np.full_like(log, share_of_tick(self.sensor.follower_hz, tick_us))
-            after = follow(z, state.followed, start, end, law)
+            # the follower is a linear pole in front of any comparator
+            after = follow(z, state.followed, start, end, "euler" if law == "euler" else "exact")
             start, end = state.followed, np.where(begins, log, after)
             start = np.where(begins, log, start)
             state.followed = end

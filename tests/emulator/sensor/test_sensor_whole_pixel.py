@@ -24,6 +24,8 @@ ALL_TERMS = replace(
     refractory_period_s=0.0003, hot_pixel_fraction=0.1, dead_pixel_fraction=0.1, dark_lux=0.1,
 )  # fmt: skip
 
+SILICON = replace(ALL_TERMS, log="ln", filter="large_signal")
+
 
 def flat(value: float) -> F32:
     return np.full((8, 10), value, np.float32)
@@ -67,7 +69,7 @@ def later(state: PlainState, clock_us: int) -> PlainState:
     return state
 
 
-@pytest.mark.parametrize("law", ["exact", "euler"])
+@pytest.mark.parametrize("law", ["exact", "euler", "large_signal"])
 @pytest.mark.parametrize("poles", [{"cutoff_hz": 40.0}, {"follower_hz": 40.0}], ids=str)
 def test_filters_fade_to_black_without_denormals(law: str, poles: dict[str, float]) -> None:
     """Linear log light of black is 0: a filter would come ever closer to it."""
@@ -125,11 +127,12 @@ def test_a_leaking_reference_comes_within_reach_of_a_high_pass() -> None:
 
 @pytest.mark.parametrize("average", [None, RunningMeanConstants()], ids=["plain", "adaptive"])
 @pytest.mark.parametrize("tick_us", [1, 2047, 100_000])
+@pytest.mark.parametrize("sensor", [ALL_TERMS, SILICON], ids=["linear", "silicon"])
 def test_all_terms_in_ticks_of_any_length(
-    tick_us: int, average: RunningMeanConstants | None
+    tick_us: int, average: RunningMeanConstants | None, sensor: SensorParameters
 ) -> None:
     frames = steps(0.1, 0.1, 0.5, 0.0, np.nan, 0.0, 1e9, -1.0, 1e-30, 0.3, 0.3, 0.3)
-    events, causes, _ = both(ALL_TERMS, frames, tick_us, average)
+    events, causes, _ = both(sensor, frames, tick_us, average)
     # in a us no light comes through the filters
     assert set(causes.tolist()) >= ({2, 4} if tick_us == 1 else {1, 2, 3, 4})
     assert events["t"].min() > 0
