@@ -1,4 +1,4 @@
-"""The large-signal photoreceptor: its equation, small signals, extremes, rest, the oracle's bits."""
+"""The large-signal photoreceptor: its equation, small signals, extremes, rest, oracle."""
 
 from __future__ import annotations
 
@@ -191,7 +191,7 @@ def rising(t_us: float) -> F32:
     """Half a period of 2 Hz, trough to peak, of another height in each pixel."""
     heights = np.linspace(0.55, 1.95, SIDE * SIDE).reshape(SIDE, SIDE)
     log = MIDDLE - heights * math.cos(2 * math.pi * 2.0 * t_us * 1e-6)
-    return np.exp(log).astype(np.float32)
+    return np.asarray(np.exp(log), F)
 
 
 def nth(events: Events) -> dict[tuple[int, int], int]:
