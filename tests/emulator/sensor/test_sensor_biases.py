@@ -20,7 +20,7 @@ from evs.emulator.sensor.presets import _PRESETS
 from evs.msgs import EvsError
 
 NAMES = tuple(field.name for field in fields(BiasConfig))
-WITH_BIASES = [name for name in preset_names() if name != "ideal"]
+WITH_BIASES = [name for name in preset_names() if name not in ("ideal", "v2e")]
 EVERY = {
     "pos_thres": 0.2,
     "neg_thres": 0.25,

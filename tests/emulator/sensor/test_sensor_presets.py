@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import ModelConfig, SensorConfig
 from evs.emulator.sensor import PlainModel, SensorParameters, preset_names, resolve_sensor
+from evs.emulator.sensor.reference.filters import bandwidth
 from evs.msgs import EvsError
 
 SIZES = {
@@ -20,7 +22,9 @@ SIZES = {
     "genx320": (320, 320),
     "ideal": (346, 260),
     "imx636": (1280, 720),
+    "v2e": (346, 260),
 }
+NO_CHIP = {"ideal", "v2e"}
 OWN = "width = 20\nheight = 10\npos_thres = 0.3\nneg_thres = 0.4\n"
 
 
@@ -61,7 +65,7 @@ def test_ideal_has_nothing_that_a_chip_has() -> None:
     assert {key: getattr(ideal, key) for key in NOISE} == dict.fromkeys(NOISE, 0.0)
 
 
-@pytest.mark.parametrize("name", sorted(set(SIZES) - {"ideal"}))
+@pytest.mark.parametrize("name", sorted(set(SIZES) - NO_CHIP))
 def test_a_chip_has_noise_speed_and_a_floor(name: str) -> None:
     chip = resolve_sensor(SensorConfig(name))
     # leak of about one event in ten seconds, and little noise in light: of ON + OFF at white
@@ -75,6 +79,20 @@ def test_a_chip_has_noise_speed_and_a_floor(name: str) -> None:
     # thresholds spread, and so much that none falls to the floor of 0.01
     assert 0.0 < chip.sigma_thres < (min(chip.pos_thres, chip.neg_thres) - 0.01) / 2.5
     assert chip.refractory_period_s < 1e-3
+
+
+def test_v2e_has_the_pixel_of_v2e() -> None:
+    """The parameters with which the golden counts of v2e are met, but for its thresholds."""
+    ours = resolve_sensor(SensorConfig("v2e"))
+    assert ours == SensorParameters(
+        "v2e", 346, 260, 0.2, 0.2, 0.03, log="linlog", linlog_dn=20.0, cutoff_hz=300.0,
+        filter="euler", leak_rate_hz=0.01, shot_noise_rate_hz=0.001, noise_rate_cov_decades=0.1,
+        refractory_period_s=0.0005,
+    )  # fmt: skip
+    # its bandwidth at DN is 300 Hz (DN + 20) / 275
+    dn = np.array([0.0, 100.0, 255.0], np.float32)
+    share = bandwidth(ours, dn, 1000) / (2 * math.pi * 0.3)
+    assert share == pytest.approx((dn + 20) / 275, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", LATENCY_US)
