@@ -159,6 +159,13 @@ class PixelKeys(Generic[Unset]):
         unit="lux",
         within=(0.0, 1e6),
     )
+    temperature_c: float | Unset = parameter(
+        25.0,
+        "temperature of the chip: dark current and leak double about every 8 degrees; dark_lux and "
+        "leak_rate_hz are those at 25",
+        unit="degrees C",
+        within=(-40.0, 125.0),
+    )
     cutoff_hz: float | Unset = parameter(
         0.0,
         "photoreceptor bandwidth at bright_lux; 0: no limit. It is proportional to the "
@@ -207,7 +214,7 @@ class PixelKeys(Generic[Unset]):
     leak_rate_hz: float | Unset = parameter(
         0.0,
         "leak rate: ON events of a pixel in constant light, because its reference drifts down; "
-        "mean over pixels",
+        "mean over pixels, at 25 degrees C",
         unit="Hz",
         within=(0.0, 1e4),
         term="leak",

@@ -98,7 +98,9 @@ def draw_pattern(
     if terms.leaks:
         one_hz = np.where(dead, 0.0, spread(Term.LEAK_RATE) * on * 1e-6)
         rate = np.where(hot, sensor.hot_pixel_rate_hz, sensor.leak_rate_hz)
-        values["leak"] = np.round(one_hz * rate * GRID) / GRID
+        rate = rate * sensor.thermal_factor
+        # at most one event a us, so that a hot chip does not exhaust the memory
+        values["leak"] = np.round(np.minimum(one_hz * rate, on) * GRID) / GRID
         if terms.parasitic_leak:
             values["parasitic"] = one_hz * sensor.parasitic_leak_hz
         leaks = (values["leak"] > 0.0) | (sensor.parasitic_leak_hz > 0.0)

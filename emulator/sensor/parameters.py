@@ -69,6 +69,19 @@ MIN_RATE_HZ = 1e-9
 """Once in 30 years; lower ones would be denormal float32 in short ticks."""
 
 
+REFERENCE_C = 25.0
+"""the temperature at which dark current and leak are specified"""
+
+ACTIVATION_EV = 0.63
+"""Activation energy of dark current and junction leak. Both follow Arrhenius' law in DVS pixels
+(Nozaki and Delbruck, IEEE TED 64(8), 2017). Generation in a depletion layer has half the band gap,
+0.56 eV, diffusion all of it (Widenhorn et al., Proc. SPIE 4669, 2002); 0.63 eV was measured on
+the CCDs of MERIS between 6 and 40 degrees C."""
+
+BOLTZMANN_EV_K = 8.617333262e-5
+ZERO_C_K = 273.15
+
+
 @dataclass(frozen=True)
 @specialised
 class ApsParameters(ApsKeys[Never]):
@@ -144,7 +157,7 @@ class SensorParameters(PixelKeys[Never], _Named):
             if declared is not None and declared.unit == "Hz" and 0 < value < MIN_RATE_HZ:
                 raise EvsError(f"sensor.{each.name} is {value:g}; give 0 or over {MIN_RATE_HZ:g}")
         if 0 < self.dark_dn < MIN_DARK_DN:  # its logarithm would be a denormal float32
-            least = MIN_DARK_DN * self.lux_per_dn
+            least = MIN_DARK_DN * self.lux_per_dn / self.thermal_factor
             raise EvsError(f"sensor.dark_lux is {self.dark_lux:g}; give 0 or over {least:g}")
         if self.log == "ln" and self.dark_lux == 0:
             raise EvsError(
@@ -163,9 +176,23 @@ class SensorParameters(PixelKeys[Never], _Named):
         return self.white_lux / WHITE_DN
 
     @property
+    def thermal_factor(self) -> float:
+        """By how much dark current and junction leak exceed theirs at 25 degrees C."""
+        if self.temperature_c == REFERENCE_C:
+            return 1.0
+        per_kelvin = 1.0 / (REFERENCE_C + ZERO_C_K) - 1.0 / (self.temperature_c + ZERO_C_K)
+        # nine digits: the same on every machine, whose exp may differ in the last bit
+        return float(f"{math.exp(ACTIVATION_EV / BOLTZMANN_EV_K * per_kelvin):.9g}")
+
+    @property
+    def dark_current_lux(self) -> float:
+        """Dark current at the temperature of the chip, as an illuminance, lux."""
+        return self.dark_lux * self.thermal_factor
+
+    @property
     def dark_dn(self) -> float:
-        """Dark current, DN."""
-        return self.dark_lux / self.lux_per_dn
+        """Dark current at the temperature of the chip, DN."""
+        return self.dark_current_lux / self.lux_per_dn
 
     @property
     def has_hot_pixels(self) -> bool:

@@ -28,7 +28,7 @@ def pole_hz(sensor: SensorParameters, lux: float) -> float:
     """Bandwidth of the pixel at an illuminance; inf: it is not limited."""
     if sensor.cutoff_hz == 0.0:
         return math.inf
-    lux += sensor.dark_lux
+    lux += sensor.dark_current_lux
     ratio = (lux + sensor.dim_lux) / (sensor.bright_lux + sensor.dim_lux)
     return sensor.cutoff_hz * ratio
 
@@ -76,7 +76,7 @@ def step_time_s(sensor: SensorParameters, lux: float, share: float) -> float:
 
 def shot_rate_hz(sensor: SensorParameters, lux: float) -> float:
     """Rate of shot noise of both polarities, mean over the pixels."""
-    lux += sensor.dark_lux
+    lux += sensor.dark_current_lux
     bright, dim = sensor.shot_noise_bright, sensor.dim_lux
     if sensor.shot_noise_law == "inverse":
         share = bright + (1.0 - bright) * dim / (dim + lux)
@@ -87,8 +87,8 @@ def shot_rate_hz(sensor: SensorParameters, lux: float) -> float:
 
 def leak_rate_hz(sensor: SensorParameters, lux: float) -> float:
     """Rate of the ON events of leak, mean over the pixels, without noise that restarts it."""
-    share = (lux + sensor.dark_lux) / sensor.bright_lux
-    return sensor.leak_rate_hz + sensor.parasitic_leak_hz * share
+    share = (lux + sensor.dark_current_lux) / sensor.bright_lux
+    return sensor.leak_rate_hz * sensor.thermal_factor + sensor.parasitic_leak_hz * share
 
 
 def log_step(sensor: SensorParameters, lux: float, after: float) -> float:

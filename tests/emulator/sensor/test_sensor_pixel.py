@@ -62,6 +62,7 @@ WHOLE_PIXELS = st.builds(
     filter=st.sampled_from(["exact", "euler", "large_signal"]),
     follower_hz=rate(1e7),
     highpass_hz=rate(1e6),
+    temperature_c=st.just(25.0) | st.floats(-40.0, 125.0),
     leak_rate_hz=rate(1e4),
     parasitic_leak_hz=rate(1e4),
     shot_noise_rate_hz=rate(1e4),

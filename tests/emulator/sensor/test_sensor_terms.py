@@ -84,6 +84,7 @@ def test_every_parameter_is_of_a_term_or_of_none() -> None:
         *("name", "width", "height", "pos_thres", "neg_thres"),
         *("aps", "imu", "readout", "latency_us", "latency_sigma_us"),  # stages of their own
         *("log", "linlog_dn", "log_eps", "exposure_dn", "white_lux", "dark_lux", "dim_lux"),
+        "temperature_c",
         *("bright_lux", "filter", "shot_noise_bright", "shot_noise_law", "hot_pixel_rate_hz"),
     }
     assert {field.name for field in fields(SensorParameters)} == of_terms | of_none
