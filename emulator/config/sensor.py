@@ -433,7 +433,7 @@ class ReadoutKeys(Generic[Unset]):
     order: str | Unset = parameter(
         "ideal",
         "ideal: every event at its own time | arbiter: rows in turn, as they request (DAVIS) | "
-        "scan: all rows at fixed times (DVXplorer)",
+        "scan: the whole array again and again, column by column (DVXplorer)",
         choices=("ideal", "arbiter", "scan"),
         noun="order of readout",
     )
@@ -457,10 +457,34 @@ class ReadoutKeys(Generic[Unset]):
     )
     scan_us: int | Unset = parameter(
         200,
-        "scan: time between two scans; stamps are multiples of it; a pixel gives at most one event "
-        "per scan",
+        "scan: time between two scans, which begin at its multiples; a pixel gives at most one "
+        "event per scan",
         unit="us",
-        within=(1, 10**9),
+        within=(1, 10**6),
+    )
+    scan_column_ns: int | Unset = parameter(
+        0,
+        "scan: time to read a column; an event is stamped when its column is read; 0: the whole "
+        "array is read at once, and its stamps are multiples of scan_us",
+        unit="ns",
+        within=(0, 10**9),
+    )
+    scan_from: str | Unset = parameter(
+        "left",
+        "scan: the column that is read first. left: x rises | right: x falls",
+        choices=("left", "right"),
+        noun="side",
+    )
+    scan_every: int | Unset = parameter(
+        1,
+        "scan: reads one scan of so many and skips the others",
+        within=(1, 10**6),
+    )
+    scan_events: int | Unset = parameter(
+        0,
+        "scan: events that are read within scan_us; a scan with n of them skips the next "
+        "ceil(n / scan_events) - 1 scans; 0: any number",
+        within=(0, 2**31),
     )
     erc_rate_mevs: float | Unset = parameter(
         0.0,

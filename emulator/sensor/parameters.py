@@ -164,6 +164,13 @@ class SensorParameters(PixelKeys[Never], _Named):
                 "sensor.log is ln, but sensor.dark_lux is 0 and black has no logarithm; "
                 "give sensor.dark_lux, or sensor.log=linlog"
             )
+        scan = self.readout
+        if scan.order == "scan" and self.width * scan.scan_column_ns > scan.scan_us * 1000:
+            raise EvsError(
+                f"sensor.readout.scan_column_ns is {scan.scan_column_ns}: {self.width} columns "
+                f"take longer than sensor.readout.scan_us, {scan.scan_us} us; give at most "
+                f"{scan.scan_us * 1000 // self.width}"
+            )
         if self.hot_pixel_fraction + self.dead_pixel_fraction > 1.0:
             raise EvsError(
                 "sensor.hot_pixel_fraction and sensor.dead_pixel_fraction are over 1 together; "

@@ -49,6 +49,10 @@ class Readout:
             column_ns=readout.column_ns,
             jitter_ns=readout.jitter_ns,
             scan_us=readout.scan_us,
+            scan_column_ns=readout.scan_column_ns,
+            scan_from=readout.scan_from,
+            scan_every=readout.scan_every,
+            scan_events=readout.scan_events,
             erc_target=readout.erc_target,
             erc_period_us=readout.erc_period_us,
             erc_drop=readout.erc_drop,
@@ -117,8 +121,8 @@ CAUSES = ("roi", "mask", "busy", "scan", "erc", "fifo")
 arbiter; or for the scan; event rate control; the link's FIFO was full."""
 
 # places in `clock`; core/sensor/readout_state.h names all of them
-SEED, DELAYED, FREE_NS, LAST_ROW, ACCESS_ROW = 6, 7, 10, 11, 12
-CLOCK_SIZE = 22
+SEED, DELAYED, FREE_NS, LAST_ROW, ACCESS_ROW, NEXT_SCAN = 6, 7, 11, 12, 13, 23
+CLOCK_SIZE = 24
 
 _ARRAYS = {"clock": np.int64, "waiting": np.uint8, "due_ns": np.int64, "t_us": np.int64}
 
@@ -131,11 +135,12 @@ class ReadoutState:
     """State of a readout. Ticks follow each other without a gap."""
 
     clock: I64
-    """(22,) counts and moments of the arbiter, the rate control and the link; the first six count
-    what was dropped, as CAUSES"""
+    """(24,) counts and moments of the arbiter, the scan, the rate control and the link; the first
+    six count what was dropped, as CAUSES"""
     waiting: U8
     """(16 n,) the bytes of events that were not handed out yet: those still late in their pixels,
-    those that wait for their row, those that wait for the link"""
+    those that wait for their row, those of a scan whose column is still to be read, those that wait
+    for the link"""
     due_ns: I64
     """(n,) when each requests to be read, or leaves by the link"""
     t_us: I64
@@ -146,7 +151,7 @@ class ReadoutState:
         """The state before the first tick."""
         clock = np.zeros(CLOCK_SIZE, np.int64)
         clock[SEED] = np.array(seed % 2**64, np.uint64).view(np.int64)
-        clock[FREE_NS] = np.iinfo(np.int64).min
+        clock[FREE_NS] = clock[NEXT_SCAN] = np.iinfo(np.int64).min
         clock[LAST_ROW] = clock[ACCESS_ROW] = -1
         return cls(clock, np.zeros(0, np.uint8), np.zeros(0, np.int64), np.zeros(0, np.int64))
 
@@ -180,7 +185,7 @@ class ReadoutState:
                 f"saved readout state lacks {missing}; save it with ReadoutState.save"
             ) from None
         clock, due_ns = arrays["clock"], arrays["due_ns"]
-        counts = clock[DELAYED : DELAYED + 3]
+        counts = clock[DELAYED : DELAYED + 4]
         fits = (
             all(array.ndim == 1 for array in arrays.values())
             and clock.shape == (CLOCK_SIZE,)

@@ -153,5 +153,9 @@ def peak_rate(sensor: SensorParameters) -> float:
         row_ns = readout.row_ns + sensor.width * readout.column_ns
         limits += [sensor.width / row_ns * 1e9] if row_ns else []
     if readout.order == "scan":
-        limits.append(sensor.width * sensor.height / readout.scan_us * 1e6)
+        # scans of the whole array, each of which may skip others
+        pixels, events = sensor.width * sensor.height, readout.scan_events
+        scans = math.ceil(pixels / events) if events else 1
+        scans = math.ceil(scans / readout.scan_every) * readout.scan_every
+        limits.append(pixels / (scans * readout.scan_us) * 1e6)
     return min(limits, default=math.nan)

@@ -83,9 +83,11 @@ class BoundReadout {
 
 BoundReadout* make_readout(int width, int height, double latency_us, double latency_sigma_us,
                            const std::string& order, int64_t row_ns, int64_t column_ns,
-                           double jitter_ns, int64_t scan_us, int64_t erc_target,
-                           int64_t erc_period_us, const std::string& erc_drop, int64_t link_rate,
-                           int64_t fifo, bool stamp_sent, std::optional<FatesIn> fates) {
+                           double jitter_ns, int64_t scan_us, int64_t scan_column_ns,
+                           const std::string& scan_from, int64_t scan_every, int64_t scan_events,
+                           int64_t erc_target, int64_t erc_period_us, const std::string& erc_drop,
+                           int64_t link_rate, int64_t fifo, bool stamp_sent,
+                           std::optional<FatesIn> fates) {
   require(width > 0 && height > 0, "a sensor has pixels");
   require(scan_us > 0 && erc_period_us > 0, "periods are over 0");
   ReadoutSettings settings;
@@ -99,7 +101,12 @@ BoundReadout* make_readout(int width, int height, double latency_us, double late
                    : order == "scan"  ? ReadoutOrder::scan
                                       : ReadoutOrder::ideal;
   settings.arbiter = ArbiterTimes{row_ns, column_ns, jitter_ns};
-  settings.scan_ns = scan_us * 1000;
+  require(scan_from == "left" || scan_from == "right", "a scan begins at the left or the right");
+  require(scan_every > 0 && scan_events >= 0 && scan_column_ns >= 0, "a scan goes forward");
+  require(order != "scan" || scan_column_ns * width <= scan_us * 1000,
+          "the columns take longer than the scan");
+  settings.scan =
+      ScanTimes{scan_us * 1000, scan_column_ns, scan_from == "right", scan_every, scan_events};
   require(erc_drop == "time" || erc_drop == "row" || erc_drop == "column",
           "the rate control drops in time, by row or by column");
   settings.rate = RateControl{erc_target, erc_period_us,
@@ -127,15 +134,21 @@ void bind_readout(nb::module_& m) {
                            "The readout, from pixel to packet (evs.emulator.sensor.readout).")
       .def(nb::new_(&make_readout), nb::kw_only(), nb::arg("width"), nb::arg("height"),
            nb::arg("latency_us"), nb::arg("latency_sigma_us"), nb::arg("order"), nb::arg("row_ns"),
-           nb::arg("column_ns"), nb::arg("jitter_ns"), nb::arg("scan_us"), nb::arg("erc_target"),
-           nb::arg("erc_period_us"), nb::arg("erc_drop"), nb::arg("link_rate"), nb::arg("fifo"),
-           nb::arg("stamp_sent"), nb::arg("fates").none() = nb::none(),
+           nb::arg("column_ns"), nb::arg("jitter_ns"), nb::arg("scan_us"),
+           nb::arg("scan_column_ns"), nb::arg("scan_from"), nb::arg("scan_every"),
+           nb::arg("scan_events"), nb::arg("erc_target"), nb::arg("erc_period_us"),
+           nb::arg("erc_drop"), nb::arg("link_rate"), nb::arg("fifo"), nb::arg("stamp_sent"),
+           nb::arg("fates").none() = nb::none(),
            "Args:\n"
            "    width, height: The size of the sensor, px.\n"
            "    latency_us, latency_sigma_us: The mean latency of a pixel and its jitter.\n"
            "    order: ideal, arbiter or scan.\n"
            "    row_ns, column_ns, jitter_ns: The times of the arbiter.\n"
-           "    scan_us: The period of the scan.\n"
+           "    scan_us, scan_column_ns: The period of the scan; the time of a column, 0 for the\n"
+           "        whole array at once.\n"
+           "    scan_from: The side at which a scan begins: left or right.\n"
+           "    scan_every: Which scans are read: those with a multiple of this as number.\n"
+           "    scan_events: The events that a scan can read in its period; 0 for any number.\n"
            "    erc_target: The event rate control's limit, events per period; 0 for none.\n"
            "    erc_period_us: The period of the rate control.\n"
            "    erc_drop: What the rate control thins: time, row or column.\n"

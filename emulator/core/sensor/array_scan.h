@@ -1,8 +1,13 @@
-// The scanning readout of a DVXplorer: at every multiple of scan_ns the whole array is latched and
-// read, row by row, and its events are stamped with the time of the latch. A pixel holds its first
-// event until then and loses all others ("scan").
+// The scanning readout of a DVXplorer. A scan begins at a multiple of scan_ns: the whole array is
+// held, and its columns are read one after another, each column_ns after the one before. An event
+// is stamped when its column is read. A pixel holds its first event until the array is held, and
+// loses all others ("scan").
+//
+// Not every scan is read: only those whose number is a multiple of `every`, and a scan with more
+// than `events` events takes as many further scans as it needs to read them.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -11,27 +16,59 @@
 
 namespace evs {
 
+struct ScanTimes {
+  int64_t scan_ns = 0;
+  int64_t column_ns = 0;  // 0: the whole array at once, row by row; times the width <= scan_ns
+  bool from_right = false;
+  int64_t every = 1;
+  int64_t events = 0;  // 0: any number
+};
+
 // In: requests [0, due), first those that pixels hold, then the others by time, all <= end_ns.
-// Calls `stage.read` in order of time. Out: `latches` with the requests that were not read.
+// In/out: `reading`, events of a scan whose column is still to be read. Calls `stage.read` in order
+// of time. Out: `latches` with the requests that wait for a scan.
 template <class Stage>
-void run_scan(int64_t scan_ns, const std::vector<Request>& requests, size_t due, int64_t end_ns,
-              ReadoutClock& clock, PixelLatches& latches, Stage& stage) {
-  // all latched requests belong to one scan, the first at or after them
-  int64_t scan = 0;
-  auto read_all = [&] {
-    latches.take_all([&](uint32_t index) { stage.read(scan, requests[index].event); });
+void run_scan(const ScanTimes& times, int width, const std::vector<Request>& requests, size_t due,
+              int64_t end_ns, ReadoutClock& clock, PixelLatches& latches,
+              std::vector<Request>& reading, Stage& stage) {
+  const auto read_columns = [&] {
+    size_t read = 0;
+    for (; read < reading.size() && reading[read].ns <= end_ns; read++) {
+      stage.read(reading[read].ns, reading[read].event);
+    }
+    reading.erase(reading.begin(), reading.begin() + static_cast<ptrdiff_t>(read));
   };
+  // all latched requests belong to one scan, the first at or after them that is read
+  int64_t scan = 0;
+  const auto hold_array = [&] {
+    const size_t before = reading.size();
+    latches.take_all([&](uint32_t index) {
+      const Event& event = requests[index].event;
+      const int64_t columns = (times.from_right ? width - 1 - event.x : event.x) + 1;
+      reading.push_back(Request{scan * times.scan_ns + columns * times.column_ns, event});
+    });
+    const auto first = reading.begin() + static_cast<ptrdiff_t>(before);
+    // column by column; rows stay in order
+    std::stable_sort(first, reading.end(),
+                     [](const Request& a, const Request& b) { return a.ns < b.ns; });
+    const int64_t count = reading.end() - first;
+    clock[NextScan] = scan + (times.events > 0 ? ceil_div(count, times.events) : 1);
+    read_columns();
+  };
+  read_columns();
   bool any = false;
   for (size_t i = 0; i < due; i++) {
-    if (!any || requests[i].ns > scan) {
-      if (any) read_all();
-      scan = ceil_div(requests[i].ns, scan_ns) * scan_ns;
+    const int64_t ns = requests[i].ns;
+    if (!any || ns > scan * times.scan_ns) {
+      if (any) hold_array();
+      scan = std::max(ceil_div(ns, times.scan_ns), clock[NextScan]);
+      scan = ceil_div(scan, times.every) * times.every;
       any = true;
     }
     const Event& event = requests[i].event;
     if (!latches.set(event.x, event.y, static_cast<uint32_t>(i))) clock[DropScan]++;
   }
-  if (any && scan <= end_ns) read_all();
+  if (any && scan * times.scan_ns <= end_ns) hold_array();
 }
 
 }  // namespace evs

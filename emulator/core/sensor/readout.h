@@ -30,7 +30,7 @@ struct ReadoutSettings {
   double latency_sigma_us = 0;
   ReadoutOrder order = ReadoutOrder::ideal;
   ArbiterTimes arbiter;
-  int64_t scan_ns = 0;
+  ScanTimes scan;
   RateControl rate;
   Link link;
   // of each pixel: kKept, or the entry of `clock` that counts its dropped events; empty: all are
@@ -45,15 +45,17 @@ class Readout {
 
   // One tick. In: events of the pixels, sorted by t, |t| <= 2^52 us. Out: events with stamps in
   // (t_begin_us, t_end_us], sorted. In/out: the state; `waiting` has first the delayed requests,
-  // then those that pixels hold, then those that wait for the link. Throws std::invalid_argument
+  // then those that pixels hold, then those of a scan whose column is still to be read, then those
+  // that wait for the link. Throws std::invalid_argument
   // for events that are unsorted, off the sensor or outside the tick.
   void step(const Event* events, size_t count, ReadoutClock& clock, std::vector<Request>& waiting,
             int64_t t_begin_us, int64_t t_end_us, std::vector<Event>& out) {
     // check the events and the state
     check(events, count, t_begin_us, t_end_us);
     const int64_t end_ns = t_end_us * 1000;
-    if (clock[Delayed] < 0 || clock[Held] < 0 || clock[Queued] < 0 ||
-        static_cast<size_t>(clock[Delayed] + clock[Held] + clock[Queued]) != waiting.size()) {
+    if (clock[Delayed] < 0 || clock[Held] < 0 || clock[Reading] < 0 || clock[Queued] < 0 ||
+        static_cast<size_t>(clock[Delayed] + clock[Held] + clock[Reading] + clock[Queued]) !=
+            waiting.size()) {
       throw std::invalid_argument("the state's counts do not fit what waits in it");
     }
     for (const Request& request : waiting) check_pixel(request.event);
@@ -62,11 +64,13 @@ class Readout {
       throw std::invalid_argument("the state is of a sensor with more rows");
     }
     const auto held = waiting.begin() + clock[Delayed];
-    const auto queued = held + clock[Held];
+    const auto reading = held + clock[Held];
+    const auto queued = reading + clock[Reading];
 
     // collect the requests: held by pixels first, then delayed, then new
-    requests_.assign(held, queued);
+    requests_.assign(held, reading);
     requests_.insert(requests_.end(), waiting.begin(), held);
+    reading_.assign(reading, queued);
     queue_.assign(queued, waiting.end());
     const size_t first_new = static_cast<size_t>(clock[Held]);
     add_requests(events, count, clock);
@@ -86,7 +90,8 @@ class Readout {
                     latches_, stage);
         break;
       case ReadoutOrder::scan:
-        run_scan(settings_.scan_ns, requests_, due, end_ns, clock, latches_, stage);
+        run_scan(settings_.scan, settings_.width, requests_, due, end_ns, clock, latches_, reading_,
+                 stage);
         break;
     }
 
@@ -97,6 +102,8 @@ class Readout {
       latches_.take_all([&](uint32_t index) { waiting.push_back(requests_[index]); });
     }
     clock[Held] = static_cast<int64_t>(waiting.size()) - clock[Delayed];
+    waiting.insert(waiting.end(), reading_.begin(), reading_.end());
+    clock[Reading] = static_cast<int64_t>(reading_.size());
     waiting.insert(waiting.end(), queue_.begin(), queue_.end());
     clock[Queued] = static_cast<int64_t>(queue_.size());
     free_scratch();
@@ -170,6 +177,7 @@ class Readout {
   void free_scratch() {
     constexpr size_t kKeep = 1 << 16;
     if (requests_.capacity() > kKeep) std::vector<Request>().swap(requests_);
+    if (reading_.capacity() > kKeep) std::vector<Request>().swap(reading_);
     if (queue_.capacity() > kKeep) std::vector<Request>().swap(queue_);
   }
 
@@ -177,6 +185,7 @@ class Readout {
   RowAccessTimes access_times_;    // scratch
   PixelLatches latches_;           // scratch
   std::vector<Request> requests_;  // scratch
+  std::vector<Request> reading_;   // scratch
   std::vector<Request> queue_;     // scratch
 };
 

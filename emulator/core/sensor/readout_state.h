@@ -27,7 +27,8 @@ enum ClockPlace : size_t {
   DropFifo,
   Seed,         // modulo 2^64
   Delayed,      // requests that wait for their latency,
-  Held,         // requests that pixels hold
+  Held,         // requests that pixels hold,
+  Reading,      // events of a scan whose column is still to be read,
   Queued,       // and events that wait for the link
   FreeNs,       // arbiter: time from which it is free
   LastRow,      // row served last; -1 before the first
@@ -41,6 +42,7 @@ enum ClockPlace : size_t {
   ErcShare,     // remainder of the even thinning
   LinkStartNs,  // link: start of its busy time, plus a second for each `rate` events
   LinkSent,     // events since then; 0 if it was never busy
+  NextScan,     // scan: number of the first that may be read
   ClockSize,
 };
 using ReadoutClock = int64_t[ClockSize];

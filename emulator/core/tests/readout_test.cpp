@@ -28,7 +28,10 @@ ReadoutSettings any_settings(std::mt19937& random, bool extreme) {
   settings.arbiter = extreme ? ArbiterTimes{1'000'000'000, 1'000'000'000, 1e9}
                              : ArbiterTimes{pick(0, 500, 20'000), pick(0, 83, 900),
                                             static_cast<double>(pick(0, 300))};
-  settings.scan_ns = 1000 * (extreme ? 1'000'000'000 : pick(1, 130, 2500));
+  const int64_t scan_ns = 1000 * (extreme ? 1'000'000 : pick(1, 130, 2500));
+  settings.scan = ScanTimes{scan_ns, random() % 3 ? scan_ns / kWidth : 0, random() % 2 == 0,
+                            extreme ? pick(1, 1'000'000) : pick(1, 1, 3),
+                            extreme ? pick(1, int64_t{1} << 31) : pick(0, 1, 100)};
   settings.rate =
       RateControl{extreme ? pick(1, 8'000'000'000) : pick(0, 3, 40),
                   extreme ? 1'000'000 : pick(1, 100, 333), static_cast<ErcDrop>(random() % 3)};
@@ -66,7 +69,7 @@ struct Run {
 
   Run(const ReadoutSettings& settings, uint64_t seed) : readout(settings) {
     clock[Seed] = static_cast<int64_t>(seed);
-    clock[FreeNs] = std::numeric_limits<int64_t>::min();
+    clock[FreeNs] = clock[NextScan] = std::numeric_limits<int64_t>::min();
     clock[LastRow] = clock[AccessRow] = -1;
   }
 

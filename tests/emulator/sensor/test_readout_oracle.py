@@ -31,7 +31,12 @@ SENSORS = st.builds(
         row_ns=st.integers(0, 20_000),
         column_ns=st.integers(0, 5_000),
         jitter_ns=st.just(0.0) | st.floats(0.0, 10_000.0),
-        scan_us=st.integers(1, 900),
+        scan_us=st.integers(20, 900),
+        # of 40 columns in the shortest scan
+        scan_column_ns=st.just(0) | st.integers(1, 500),
+        scan_from=st.sampled_from(["left", "right"]),
+        scan_every=st.integers(1, 3),
+        scan_events=st.just(0) | st.integers(1, 60),
         erc_rate_mevs=st.just(0.0) | st.floats(0.05, 2.0),
         erc_period_us=st.integers(20, 500),
         erc_drop=st.sampled_from(["time", "row", "column"]),

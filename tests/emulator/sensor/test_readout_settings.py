@@ -133,6 +133,13 @@ def test_bad_steps_are_refused_and_change_nothing() -> None:
     refused(empty_events(), 11, 20, "does not follow the last, which ended at 10 us")
 
 
+def test_columns_that_take_longer_than_their_scan() -> None:
+    sensor_of(order="scan", scan_us=200, scan_column_ns=3125)
+    sensor_of(order="arbiter", scan_us=200, scan_column_ns=3126)
+    with pytest.raises(EvsError, match=r"64 columns take longer than .* 200 us; give at most 3125"):
+        sensor_of(order="scan", scan_us=200, scan_column_ns=3126)
+
+
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
@@ -144,6 +151,11 @@ def test_bad_steps_are_refused_and_change_nothing() -> None:
         ({"fifo": 0}, "sensor.readout.fifo is 0; give 1"),
         ({"fifo": True}, "sensor.readout.fifo is True"),
         ({"scan_us": 0}, "sensor.readout.scan_us is 0"),
+        (
+            {"scan_from": "top"},
+            r"no side \(sensor.readout.scan_from\) 'top'; there is: left, right",
+        ),
+        ({"scan_every": 0}, "sensor.readout.scan_every is 0"),
         ({"jitter_ns": math.nan}, "sensor.readout.jitter_ns is nan"),
         ({"jitter_ns": "1"}, "sensor.readout.jitter_ns is '1'; give a number"),
         ({"bandwidth_mevs": -1.0}, "sensor.readout.bandwidth_mevs is -1"),

@@ -7,10 +7,12 @@ import math
 import numpy as np
 import pytest
 
+from evs.emulator.config import SensorConfig
 from evs.emulator.sensor import (
     Readout,
     ReadoutState,
     SensorParameters,
+    resolve_sensor,
 )
 from evs.msgs import clean_events, empty_events, make_events
 from reference.readout import sensor_of
@@ -174,6 +176,75 @@ def test_scan_stamps_of_a_storm_are_multiples_also_before_time_zero() -> None:
     # in order, and each pixel once a scan
     assert (np.diff(np.ravel_multi_index(places + [[5000], [0], [0]], (10_001, 48, 64))) > 0).all()
     assert len(out) + state.dropped["scan"] + state.count_waiting == 50_000
+
+
+def test_a_scan_reads_its_columns_one_after_another_from_either_side() -> None:
+    rows = [(199, 5, 5, 1), (199, 63, 7, 1), (199, 63, 2, 0), (200, 0, 0, 1), (201, 63, 7, 0)]
+    (rising,), _ = run(sensor_of(order="scan", scan_us=200, scan_column_ns=3000), rows, 1000)
+    # column x is read 3 (x + 1) us after its scan begins; rows of a column stay in order
+    assert rising == [
+        (203, 0, 0, 1), (218, 5, 5, 1), (392, 63, 2, 0), (392, 63, 7, 1), (592, 63, 7, 0),
+    ]  # fmt: skip
+    falling, state = run(
+        sensor_of(order="scan", scan_us=200, scan_column_ns=3000, scan_from="right"),
+        rows, 203, 375, 376, 392, 1000,
+    )  # fmt: skip
+    # ticks may end between two columns of a scan
+    assert falling == [
+        [(203, 63, 2, 0), (203, 63, 7, 1)], [], [], [(377, 5, 5, 1), (392, 0, 0, 1)],
+        [(403, 63, 7, 0)],
+    ]  # fmt: skip
+    assert state.dropped["scan"] == 0
+
+
+def test_an_event_during_a_scan_waits_for_the_next_although_its_column_is_still_to_be_read() -> (
+    None
+):
+    rows = [(200, 60, 0, 1), (201, 60, 0, 0), (390, 60, 0, 1), (399, 60, 1, 1)]
+    (out,), state = run(sensor_of(order="scan", scan_us=200, scan_column_ns=3000), rows, 1000)
+    assert out == [(383, 60, 0, 1), (583, 60, 0, 0), (583, 60, 1, 1)]
+    assert state.dropped["scan"] == 1
+
+
+def test_a_scan_with_many_events_skips_the_next_ones() -> None:
+    # 25 events in the first scan, one each 10 us from then on
+    rows = [(100, x, 0, 1) for x in range(25)] + [
+        (t, t // 10 % 64, 1, 1) for t in range(101, 900, 10)
+    ]
+    sensor = sensor_of(order="scan", scan_us=100, scan_events=10, scan_every=1)
+    (out,), state = run(sensor, rows, 900)
+    stamps, counts = np.unique([row[0] for row in out], return_counts=True)
+    # 25 events take three scans, the 30 that come meanwhile three more, then it is the 900
+    assert dict(zip(stamps.tolist(), counts.tolist(), strict=True)) == {100: 25, 400: 30, 700: 30}
+    assert state.count_waiting == 20
+    every = sensor_of(order="scan", scan_us=100, scan_every=4)
+    (out,), _ = run(every, rows, 900)
+    assert {row[0] for row in out} == {400, 800}
+
+
+def test_a_dvxplorer_stamps_as_recordings_of_it_do() -> None:
+    sensor = resolve_sensor(SensorConfig("dvxplorer"))
+    generator = np.random.default_rng(11)
+    count = 300_000  # 3 Mev/s of 4000 pixels
+    t = np.sort(generator.integers(1, 100_001, count))
+    x, y = generator.integers(0, 640, 4000), generator.integers(0, 480, 4000)
+    pixel = generator.integers(0, 4000, count)
+    readout = Readout(sensor)
+    out, _ = readout.step(make_events(t, x[pixel], y[pixel], t % 2), readout.init(0), 0, 101_000)
+    # of about 590 events a scan, one step of x is upwards: from a scan to the next
+    falls = np.diff(out["x"]) <= 0
+    assert falls.mean() > 0.99
+    phase = (out["t"] - 1) % 196
+    # columns take 192 us, the detection of events the rest
+    assert phase.max() == 191
+    assert np.bincount(phase, minlength=192).min() > 0
+    # intervals of a pixel are multiples of the scan
+    order = np.lexsort((out["t"], out["x"], out["y"]))
+    place = out["y"][order] * 640 + out["x"][order]
+    intervals = np.diff(out["t"][order])[np.diff(place) == 0]
+    assert (intervals % 196 == 0).all()
+    assert intervals.min() == 196
+    assert len(np.unique(out["t"])) > 50_000
 
 
 @pytest.mark.parametrize("drop", ["time", "row", "column"])

@@ -168,17 +168,29 @@ def _arbiter(
 
 def _scan(sensor: SensorParameters, _: int, due: Requests, end_us: int, told: Told) -> Requests:
     """Return (time at which it was read, event) for the first event of each pixel and scan."""
-    step_ns = sensor.readout.scan_us * 1000
-    first: dict[tuple[int, int, int], Event] = {}
-    for ns, event in due:
-        place = (-(-ns // step_ns) * step_ns, event.y, event.x)
-        if place in first:
-            told.dropped["scan"] += 1
-        else:
-            first[place] = event
-    read = [(place[0], first[place]) for place in sorted(first) if place[0] <= end_us * 1000]
-    told.waiting += len(first) - len(read)
-    return read
+    readout = sensor.readout
+    step_ns = readout.scan_us * 1000
+    coming = list(due)
+    read: Requests = []
+    free = -(10**30)  # number of the first scan that may be read
+    while coming:
+        # the first scan that sees the next event holds all that came until then
+        number = -(-max(-(-coming[0][0] // step_ns), free) // readout.scan_every)
+        number *= readout.scan_every
+        held: dict[tuple[int, int, int], Event] = {}
+        while coming and coming[0][0] <= number * step_ns:
+            event = coming.pop(0)[1]
+            column = event.x if readout.scan_from == "left" else sensor.width - 1 - event.x
+            place = ((column + 1) * readout.scan_column_ns, event.y, event.x)
+            if place in held:
+                told.dropped["scan"] += 1
+            else:
+                held[place] = event
+        read += [(number * step_ns + place[0], held[place]) for place in sorted(held)]
+        free = number + (-(-len(held) // readout.scan_events) if readout.scan_events else 1)
+    done = [request for request in read if request[0] <= end_us * 1000]
+    told.waiting += len(read) - len(done)
+    return done
 
 
 def _controlled(sensor: SensorParameters, read: Requests, told: Told) -> Requests:
