@@ -322,13 +322,13 @@ def probe_light_pdf(caster: Caster, geom_pos: Annotated[NDArray[numpy.float64], 
 class Readout:
     """The readout, from pixel to packet (evs.emulator.sensor.readout)."""
 
-    def __init__(self, *, width: int, height: int, latency_us: float, latency_sigma_us: float, order: str, row_ns: int, column_ns: int, jitter_ns: float, scan_us: int, scan_column_ns: int, scan_from: str, scan_every: int, scan_events: int, erc_target: int, erc_period_us: int, erc_drop: str, link_rate: int, fifo: int, stamp_sent: bool, fates: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None) -> None:
+    def __init__(self, *, width: int, height: int, latency_us: float, latency_sigma_us: float, order: str, row_ns: int, column_ns: int, jitter_ns: float, phase_ns: int, scan_us: int, scan_column_ns: int, scan_from: str, scan_every: int, scan_events: int, erc_target: int, erc_period_us: int, erc_drop: str, link_rate: int, fifo: int, stamp_sent: bool, fates: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None) -> None:
         """
         Args:
             width, height: The size of the sensor, px.
             latency_us, latency_sigma_us: The mean latency of a pixel and its jitter.
             order: ideal, arbiter or scan.
-            row_ns, column_ns, jitter_ns: The times of the arbiter.
+            row_ns, column_ns, jitter_ns, phase_ns: The times of the arbiter.
             scan_us, scan_column_ns: The period of the scan; the time of a column, 0 for the
                 whole array at once.
             scan_from: The side at which a scan begins: left or right.

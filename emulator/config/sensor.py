@@ -455,6 +455,14 @@ class ReadoutKeys(Generic[Unset]):
         unit="ns",
         within=(0.0, 1e9),
     )
+    phase_ns: int | Unset = parameter(
+        0,
+        "arbiter: the stamps of pixels are whole us; a request comes up to so long before its "
+        "stamp, evenly spread. 999: at any time of its us, as in silicon | 0: at its end, so that "
+        "rows never share a stamp",
+        unit="ns",
+        within=(0, 999),
+    )
     scan_us: int | Unset = parameter(
         200,
         "scan: time between two scans, which begin at its multiples; a pixel gives at most one "

@@ -38,6 +38,10 @@ class Term(IntEnum):
     """in core/sensor/readout.h, of an event: pixel, time and polarity"""
     ARBITER = 65
     """in core/sensor/arbiter.h, of a row access"""
+    COLUMNS = 66
+    """the same: the side from which the columns of the row are sent"""
+    PHASE = 67
+    """in core/sensor/readout.h, of an event: pixel, time and polarity"""
     APS_SHOT = 32
     APS_READ = 33
     ACCELEROMETER_NOISE = 34

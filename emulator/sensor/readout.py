@@ -48,6 +48,7 @@ class Readout:
             row_ns=readout.row_ns,
             column_ns=readout.column_ns,
             jitter_ns=readout.jitter_ns,
+            phase_ns=readout.phase_ns,
             scan_us=readout.scan_us,
             scan_column_ns=readout.scan_column_ns,
             scan_from=readout.scan_from,

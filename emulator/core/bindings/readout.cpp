@@ -83,11 +83,11 @@ class BoundReadout {
 
 BoundReadout* make_readout(int width, int height, double latency_us, double latency_sigma_us,
                            const std::string& order, int64_t row_ns, int64_t column_ns,
-                           double jitter_ns, int64_t scan_us, int64_t scan_column_ns,
-                           const std::string& scan_from, int64_t scan_every, int64_t scan_events,
-                           int64_t erc_target, int64_t erc_period_us, const std::string& erc_drop,
-                           int64_t link_rate, int64_t fifo, bool stamp_sent,
-                           std::optional<FatesIn> fates) {
+                           double jitter_ns, int64_t phase_ns, int64_t scan_us,
+                           int64_t scan_column_ns, const std::string& scan_from, int64_t scan_every,
+                           int64_t scan_events, int64_t erc_target, int64_t erc_period_us,
+                           const std::string& erc_drop, int64_t link_rate, int64_t fifo,
+                           bool stamp_sent, std::optional<FatesIn> fates) {
   require(width > 0 && height > 0, "a sensor has pixels");
   require(scan_us > 0 && erc_period_us > 0, "periods are over 0");
   ReadoutSettings settings;
@@ -100,7 +100,8 @@ BoundReadout* make_readout(int width, int height, double latency_us, double late
   settings.order = order == "arbiter" ? ReadoutOrder::arbiter
                    : order == "scan"  ? ReadoutOrder::scan
                                       : ReadoutOrder::ideal;
-  settings.arbiter = ArbiterTimes{row_ns, column_ns, jitter_ns};
+  require(phase_ns >= 0 && phase_ns < 1000, "a phase is within a us");
+  settings.arbiter = ArbiterTimes{row_ns, column_ns, jitter_ns, phase_ns};
   require(scan_from == "left" || scan_from == "right", "a scan begins at the left or the right");
   require(scan_every > 0 && scan_events >= 0 && scan_column_ns >= 0, "a scan goes forward");
   require(order != "scan" || scan_column_ns * width <= scan_us * 1000,
@@ -134,7 +135,7 @@ void bind_readout(nb::module_& m) {
                            "The readout, from pixel to packet (evs.emulator.sensor.readout).")
       .def(nb::new_(&make_readout), nb::kw_only(), nb::arg("width"), nb::arg("height"),
            nb::arg("latency_us"), nb::arg("latency_sigma_us"), nb::arg("order"), nb::arg("row_ns"),
-           nb::arg("column_ns"), nb::arg("jitter_ns"), nb::arg("scan_us"),
+           nb::arg("column_ns"), nb::arg("jitter_ns"), nb::arg("phase_ns"), nb::arg("scan_us"),
            nb::arg("scan_column_ns"), nb::arg("scan_from"), nb::arg("scan_every"),
            nb::arg("scan_events"), nb::arg("erc_target"), nb::arg("erc_period_us"),
            nb::arg("erc_drop"), nb::arg("link_rate"), nb::arg("fifo"), nb::arg("stamp_sent"),
@@ -143,7 +144,7 @@ void bind_readout(nb::module_& m) {
            "    width, height: The size of the sensor, px.\n"
            "    latency_us, latency_sigma_us: The mean latency of a pixel and its jitter.\n"
            "    order: ideal, arbiter or scan.\n"
-           "    row_ns, column_ns, jitter_ns: The times of the arbiter.\n"
+           "    row_ns, column_ns, jitter_ns, phase_ns: The times of the arbiter.\n"
            "    scan_us, scan_column_ns: The period of the scan; the time of a column, 0 for the\n"
            "        whole array at once.\n"
            "    scan_from: The side at which a scan begins: left or right.\n"

@@ -5,8 +5,12 @@
 // row after the one it served last, so that none starves (real arbiter trees are fair on average
 // only). A row access takes row_ns, with a jitter of jitter_ns. Then the events of the row are
 // latched and stamped with that time: as in a DAVIS, all events of a row access share one stamp.
-// They are sent column by column from the left, and each keeps the arbiter busy for column_ns. A
-// waiting pixel holds one event; others until the latch are lost ("busy").
+// They are sent column by column, from the left or the right as the access number draws, and each
+// keeps the arbiter busy for column_ns. A waiting pixel holds one event; others until the latch are
+// lost ("busy").
+//
+// The stamps of pixels are whole us. A request comes up to phase_ns before its stamp, evenly
+// spread, so that events of one us do not come in the order of their rows, and rows may share one.
 #pragma once
 
 #include <cstddef>
@@ -24,6 +28,7 @@ struct ArbiterTimes {
   int64_t row_ns = 0;
   int64_t column_ns = 0;
   double jitter_ns = 0;  // standard deviation of the row access
+  int64_t phase_ns = 0;  // at most 999
 };
 
 // Durations of the row accesses of the arbiter. Each depends on the seed and the number of the
@@ -88,6 +93,8 @@ void run_arbiter(const ArbiterTimes& times, RowAccessTimes& access_times,
                  const std::vector<Request>& requests, size_t first, size_t due, int64_t end_ns,
                  ReadoutClock& clock, PixelLatches& latches, Stage& stage) {
   const uint64_t key = term_key(static_cast<uint64_t>(clock[Seed]), kTermArbiter);
+  const uint64_t column_key = term_key(static_cast<uint64_t>(clock[Seed]), kTermColumns);
+  std::vector<uint32_t> row_requests;
   size_t next = 0;
   auto request = [&](size_t i) {
     const Event& event = requests[i].event;
@@ -119,12 +126,16 @@ void run_arbiter(const ArbiterTimes& times, RowAccessTimes& access_times,
     // latch the row and send its events
     if (clock[LatchNs] > end_ns) break;
     request_until(clock[LatchNs]);
-    int64_t sent = 0;
-    latches.take_row(static_cast<size_t>(clock[AccessRow]), [&](uint32_t index) {
-      stage.read(clock[LatchNs], requests[index].event);
-      sent++;
-    });
-    clock[FreeNs] = clock[LatchNs] + sent * times.column_ns;
+    row_requests.clear();
+    latches.take_row(static_cast<size_t>(clock[AccessRow]),
+                     [&](uint32_t index) { row_requests.push_back(index); });
+    const size_t sent = row_requests.size();
+    const bool from_right =
+        sent > 1 && hash(column_key, static_cast<uint64_t>(clock[Accesses])) & 1;
+    for (size_t i = 0; i < sent; i++) {
+      stage.read(clock[LatchNs], requests[row_requests[from_right ? sent - 1 - i : i]].event);
+    }
+    clock[FreeNs] = clock[LatchNs] + static_cast<int64_t>(sent) * times.column_ns;
     clock[LastRow] = clock[AccessRow];
     clock[AccessRow] = -1;
   }

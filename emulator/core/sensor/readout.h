@@ -134,6 +134,11 @@ class Readout {
     const bool late = settings_.latency_us > 0 || settings_.latency_sigma_us > 0;
     const bool jitter = settings_.latency_sigma_us > 0;
     const uint64_t key = term_key(static_cast<uint64_t>(clock[Seed]), kTermLatency);
+    const uint64_t phases =
+        settings_.order == ReadoutOrder::arbiter && settings_.arbiter.phase_ns > 0
+            ? static_cast<uint64_t>(settings_.arbiter.phase_ns) + 1
+            : 0;
+    const uint64_t phase_key = term_key(static_cast<uint64_t>(clock[Seed]), kTermPhase);
     const uint8_t* fates = settings_.fates.empty() ? nullptr : settings_.fates.data();
     const size_t width = static_cast<size_t>(settings_.width);
     requests_.reserve(requests_.size() + count);
@@ -156,6 +161,13 @@ class Readout {
           delay_us += settings_.latency_sigma_us * normal(pixel, counter);
         }
         delay_ns = round_ns(delay_us * 1000.0);
+      }
+      if (phases != 0) {
+        // a multiplication and shift: evenly spread over [0, phase_ns]
+        const uint64_t pixel = hash(phase_key, (y << 32 | x << 1) + 1);
+        const uint64_t bits =
+            hash(pixel, static_cast<uint64_t>(event.t) << 1 | (event.p ? 1u : 0u));
+        delay_ns -= static_cast<int64_t>((bits >> 32) * phases >> 32);
       }
       requests_.push_back(Request{event.t * 1000 + delay_ns, event});
     }

@@ -52,6 +52,8 @@ inline constexpr uint8_t kKept = 255;
 // Term in emulator/sensor/random.py
 inline constexpr uint64_t kTermLatency = 64;
 inline constexpr uint64_t kTermArbiter = 65;
+inline constexpr uint64_t kTermColumns = 66;
+inline constexpr uint64_t kTermPhase = 67;
 
 enum class ReadoutOrder { ideal, arbiter, scan };
 

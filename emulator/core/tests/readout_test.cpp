@@ -25,9 +25,9 @@ ReadoutSettings any_settings(std::mt19937& random, bool extreme) {
   settings.latency_us = static_cast<double>(extreme ? 1'000'000 : pick(0, 7, 900));
   settings.latency_sigma_us = static_cast<double>(extreme ? 1'000'000 : pick(0, 0, 50));
   settings.order = static_cast<ReadoutOrder>(random() % 3);
-  settings.arbiter = extreme ? ArbiterTimes{1'000'000'000, 1'000'000'000, 1e9}
+  settings.arbiter = extreme ? ArbiterTimes{1'000'000'000, 1'000'000'000, 1e9, 999}
                              : ArbiterTimes{pick(0, 500, 20'000), pick(0, 83, 900),
-                                            static_cast<double>(pick(0, 300))};
+                                            static_cast<double>(pick(0, 300)), pick(0, 999)};
   const int64_t scan_ns = 1000 * (extreme ? 1'000'000 : pick(1, 130, 2500));
   settings.scan = ScanTimes{scan_ns, random() % 3 ? scan_ns / kWidth : 0, random() % 2 == 0,
                             extreme ? pick(1, 1'000'000) : pick(1, 1, 3),

@@ -31,6 +31,7 @@ SENSORS = st.builds(
         row_ns=st.integers(0, 20_000),
         column_ns=st.integers(0, 5_000),
         jitter_ns=st.just(0.0) | st.floats(0.0, 10_000.0),
+        phase_ns=st.just(0) | st.integers(1, 999),
         scan_us=st.integers(20, 900),
         # of 40 columns in the shortest scan
         scan_column_ns=st.just(0) | st.integers(1, 500),

@@ -121,7 +121,12 @@ def _asked(
             if sensor.latency_sigma_us:
                 key = _bits(_bits(seed, 64 + 1), ((event.y << 32) | (event.x << 1)) + 1)
                 late_us += sensor.latency_sigma_us * _normal(key, (event.t << 2) + 2 * event.p)
-            yield event.t * 1000 + _whole(late_us * 1000.0), event
+            early_ns = 0
+            if readout.order == "arbiter" and readout.phase_ns:
+                key = _bits(_bits(seed, 67 + 1), ((event.y << 32) | (event.x << 1)) + 1)
+                draw = _bits(key, (event.t << 1) + event.p) >> 32
+                early_ns = draw * (readout.phase_ns + 1) >> 32
+            yield event.t * 1000 + _whole(late_us * 1000.0) - early_ns, event
 
 
 def _arbiter(
@@ -158,7 +163,8 @@ def _arbiter(
         if latch_ns > end_us * 1000:
             break
         come(latch_ns)
-        columns = sorted(x for x, y in held if y == row)
+        from_right = bool(_bits(_bits(seed, 66 + 1), accesses) & 1)
+        columns = sorted((x for x, y in held if y == row), reverse=from_right)
         read += [(latch_ns, held.pop((x, row))) for x in columns]
         free_ns, last_row = latch_ns + len(columns) * readout.column_ns, row
     come(end_us * 1000)
