@@ -134,8 +134,8 @@ def test_rows_share_stamps_as_in_recordings_of_a_davis346() -> None:
     assert 0.75 < other_row / (1330 / 74332) < 1.1
     # x rises in 48 of 114 pairs of the recording's row accesses: columns have no fixed order
     assert 0.2 < rising < 0.8
-    # at the ends of their us, rows never share a stamp
-    assert share(phase_ns=0, row_ns=500)[0] == 0.0
+    # with requests at the ends of their us, and half a us for each row, only crowds share one
+    assert share(phase_ns=0, row_ns=500)[0] < 0.001
 
 
 def test_a_pixel_that_waits_for_the_arbiter_is_blind() -> None:
