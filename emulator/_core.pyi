@@ -364,7 +364,7 @@ class Readout:
 class PixelSettings:
     """The settings that all pixels share."""
 
-    def __init__(self, *, log: str, exposure_dn: float, dark_dn: float, linlog_dn: float, log_eps: float, euler: bool = False, large_signal: bool = False, lowpass_low: float = 0.0, lowpass_slope: float = 0.0, follower: float = 0.0, highpass: float = 0.0, parasitic_slope: float = 0.0, refractory_us: int = 0, causes: bool = False, noise_gain: float = 0.0, drift_gain: float = 0.0, least_gain: float = 0.0, noise_weight: float = 0.0, shot_bright: float = 1.0, shot_inverse: bool = False, shot_slope: float = 0.0, shot_offset: float = 0.0, shot_dim_dn: float = 0.0, seed: int = 0) -> None:
+    def __init__(self, *, log: str, exposure_dn: float, dark_dn: float, linlog_dn: float, log_eps: float, euler: bool = False, large_signal: bool = False, lowpass_low: float = 0.0, lowpass_slope: float = 0.0, follower: float = 0.0, highpass: float = 0.0, parasitic_slope: float = 0.0, refractory_us: int = 0, causes: bool = False, noise_gain: float = 0.0, drift_gain: float = 0.0, least_gain: float = 0.0, noise_weight: float = 0.0, shot_bright: float = 1.0, shot_inverse: bool = False, shot_slope: float = 0.0, shot_offset: float = 0.0, shot_dim_dn: float = 0.0, aps_crosstalk: float = 0.0, seed: int = 0) -> None:
         """
         Terms at zero are off.
 
@@ -378,6 +378,7 @@ class PixelSettings:
                 its slope per DN.
             follower, highpass: 2 pi f, 1 / us.
             causes: Whether events hold their cause.
+            aps_crosstalk: By how much the read of a row lifts the signal, log units.
         """
 
 class PixelArray:
@@ -398,11 +399,11 @@ class PixelArray:
             isa: An instruction set of isa_available(), or auto.
         """
 
-    def step(self, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], t_begin_us: int, clock_us: int, tick_us: int, ticks: int, *, reference: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu')], last_log: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], last_luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], filtered: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, followed: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, blind_until: Annotated[NDArray[numpy.int64], dict(shape=(None, None), order='C', device='cpu')] | None = None, mean: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, drift: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, due_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, since_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, shot_next: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, shot_count: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None) -> tuple:
+    def step(self, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], t_begin_us: int, clock_us: int, tick_us: int, ticks: int, *, reference: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu')], last_log: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], last_luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], filtered: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, followed: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, blind_until: Annotated[NDArray[numpy.int64], dict(shape=(None, None), order='C', device='cpu')] | None = None, mean: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, drift: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, due_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, since_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, shot_next: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, shot_count: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, row_reads: Annotated[NDArray[numpy.int32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None) -> tuple:
         """
         Step all pixels by one tick.
 
-        The keyword arguments are the state and are modified in place.
+        The keyword arguments but row_reads are the state and are modified in place.
 
         Args:
             luminance: (h, w) float32.
@@ -410,6 +411,8 @@ class PixelArray:
             clock_us: The sensor's clock at the start: the sum of all ticks so far.
             tick_us: The length of the tick.
             ticks: The number of ticks so far.
+            row_reads: (n, 2) int32, rows of a frame that are read and when, us after the
+                start of the tick, by time; None for none.
 
         Returns:
             The event bytes, (16 n,) uint8, and the number of pixels with unusable

@@ -96,6 +96,8 @@ class Cause(IntEnum):
     """shot noise"""
     HOT = 4
     """the leak of a hot pixel"""
+    APS = 5
+    """the read of the pixel's row in an intensity frame"""
 
 
 def take_labels(events: np.ndarray[Any, Any], geom_id: np.ndarray[Any, Any]) -> Labels:

@@ -354,6 +354,14 @@ class ApsKeys(Generic[Unset]):
         unit="DN",
         within=(0.0, 65535.0),
     )
+    crosstalk: float | Unset = parameter(
+        0.0,
+        "crosstalk into the event pixels: by how much the signal of a pixel rises for an instant "
+        "when its row is read, before and after each exposure; pixels so near their ON threshold "
+        "fire; 0: none",
+        unit="log units",
+        within=(0.0, 1.0),
+    )
 
 
 @dataclass(frozen=True)

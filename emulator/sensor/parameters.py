@@ -96,6 +96,10 @@ class ApsParameters(ApsKeys[Never]):
         """How long after the frame's begin a row's exposure begins, us."""
         return round(row * self.row_us) if self.shutter == "rolling" else 0
 
+    def read_us(self, row: float) -> int:
+        """The time to read so many rows, rounded to whole us; negative: before."""
+        return round(row * self.row_us)
+
     def frame_us(self, rows: int) -> int:
         """From the beginning of a frame until its last row has been read out, us."""
         return self.exposure_us + round(rows * self.row_us)

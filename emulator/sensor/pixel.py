@@ -17,6 +17,7 @@ from evs.emulator import _core
 from evs.emulator.base.arrays import Arrays, on_lines, same_bytes
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.scene import F32, F64
+from evs.emulator.sensor.aps_crosstalk import RowReads
 from evs.emulator.sensor.fixed_pattern import FixedPattern, draw_pattern
 from evs.emulator.sensor.parameters import ModelRequest, SensorParameters
 from evs.emulator.sensor.running_mean import RunningMeanConstants
@@ -58,6 +59,9 @@ class PlainModel:
         self.terms = SensorTerms.of(self.sensor, average is not None, causes, switches)
         """which terms the pixels have"""
         self._threads, self._isa, self._average = threads, isa, average
+        aps = self.sensor.aps
+        crosstalk = aps.enabled and aps.crosstalk > 0.0
+        self._row_reads = RowReads(aps, self.sensor.height) if crosstalk else None
         # pure functions of the seed; the last are kept, without a circle back to this
         self._drawn: tuple[int, FixedPattern] | None = None
         self._built: tuple[int, _core.PixelArray] | None = None
@@ -130,6 +134,7 @@ class PlainModel:
             # filters that stand still in short ticks may move in a longer one
             state.due_us[:] = state.clock_us
         pixels = self._pixels(state.seed)
+        reads = None if self._row_reads is None else self._row_reads.within(t_begin_us, t_end_us)
         try:
             raw, clamped = pixels.step(
                 np.ascontiguousarray(luminance, np.float32),
@@ -138,6 +143,7 @@ class PlainModel:
                 tick_us,
                 state.ticks,
                 **state.arrays(),
+                row_reads=reads,
             )
         except MemoryError:
             raise EvsError(
@@ -190,6 +196,7 @@ class PlainModel:
             shot_slope=sensor.lux_per_dn / span_lux,
             shot_offset=sensor.dim_lux / span_lux,
             shot_dim_dn=sensor.dim_lux / sensor.lux_per_dn,
+            aps_crosstalk=sensor.aps.crosstalk if self._row_reads else 0.0,
             seed=seed,
         )
         return _core.PixelArray(

@@ -54,8 +54,9 @@ PixelSettings make_settings(const std::string& log, float exposure_dn, float dar
                             bool causes, float noise_gain, float drift_gain, float least_gain,
                             float noise_weight, double shot_bright, bool shot_inverse,
                             double shot_slope, double shot_offset, double shot_dim_dn,
-                            uint64_t seed) {
+                            double aps_crosstalk, uint64_t seed) {
   PixelSettings settings;
+  settings.aps_crosstalk = aps_crosstalk;
   settings.map = make_log_map(log, exposure_dn, dark_dn, linlog_dn, log_eps);
   settings.euler = euler;
   settings.large_signal = large_signal;
@@ -115,7 +116,7 @@ class BoundPixels {
                  MaybeFrame<float> followed, MaybeFrame<int64_t> blind_until,
                  MaybeFrame<float> mean, MaybeFrame<float> noise, MaybeFrame<float> drift,
                  MaybeBlocks due_us, MaybeBlocks since_us, MaybeBlocks shot_next,
-                 MaybeBlocks shot_count) {
+                 MaybeBlocks shot_count, std::optional<Array<const int32_t, 2>> row_reads) {
     PixelArrays arrays;
     arrays.reference = pixels(reference);
     arrays.last_log = pixels(last_log);
@@ -142,7 +143,8 @@ class BoundPixels {
     if (tick_us <= 0 || tick_us >= (int64_t{1} << 28)) {
       throw std::invalid_argument("tick_us must be in [1, 2^28)");
     }
-    const Tick tick{pixels(luminance), clock_us, static_cast<uint32_t>(tick_us)};
+    Tick tick{pixels(luminance), clock_us, static_cast<uint32_t>(tick_us)};
+    if (row_reads) tick.rows = checked_reads(*row_reads, tick_us);
     EventBuffer buffer;
     size_t clamped = 0;
     {
@@ -153,6 +155,19 @@ class BoundPixels {
   }
 
  private:
+  // The row reads of a tick; throws std::invalid_argument for those outside sensor or tick.
+  RowReads checked_reads(const Array<const int32_t, 2>& reads, int64_t tick_us) const {
+    bool good = reads.shape(0) == 0 || reads.shape(1) == 2;
+    for (size_t k = 0; good && k < reads.shape(0); k++) {
+      const int32_t row = reads.data()[2 * k], offset = reads.data()[2 * k + 1];
+      const int32_t earlier = k > 0 ? reads.data()[2 * k - 1] : 1;
+      good =
+          row >= 0 && static_cast<size_t>(row) < height_ && offset >= earlier && offset <= tick_us;
+    }
+    if (!good) throw std::invalid_argument("row reads are (row, us in the tick), by time");
+    static_assert(sizeof(RowRead) == 2 * sizeof(int32_t));
+    return {reinterpret_cast<const RowRead*>(reads.data()), reads.shape(0), width_};
+  }
   template <class Frame>
   auto pixels(const Frame& frame) const -> decltype(frame.data()) {
     if (frame.shape(0) != height_ || frame.shape(1) != width_) {
@@ -237,7 +252,7 @@ void bind_sensor(nb::module_& m) {
            nb::arg("least_gain") = 0.0f, nb::arg("noise_weight") = 0.0f,
            nb::arg("shot_bright") = 1.0, nb::arg("shot_inverse") = false,
            nb::arg("shot_slope") = 0.0, nb::arg("shot_offset") = 0.0, nb::arg("shot_dim_dn") = 0.0,
-           nb::arg("seed") = 0,
+           nb::arg("aps_crosstalk") = 0.0, nb::arg("seed") = 0,
            "Terms at zero are off.\n"
            "\n"
            "Args:\n"
@@ -249,7 +264,8 @@ void bind_sensor(nb::module_& m) {
            "    lowpass_low, lowpass_slope: The photoreceptor's 2 pi f at DN 0, 1 / us, and\n"
            "        its slope per DN.\n"
            "    follower, highpass: 2 pi f, 1 / us.\n"
-           "    causes: Whether events hold their cause.");
+           "    causes: Whether events hold their cause.\n"
+           "    aps_crosstalk: By how much the read of a row lifts the signal, log units.");
   nb::class_<BoundPixels>(
       m, "PixelArray",
       "Event pixels with a fixed pattern (emulator/sensor/pixel.py). The caller\n"
@@ -284,9 +300,10 @@ void bind_sensor(nb::module_& m) {
            nb::arg("since_us").noconvert().none() = nb::none(),
            nb::arg("shot_next").noconvert().none() = nb::none(),
            nb::arg("shot_count").noconvert().none() = nb::none(),
+           nb::arg("row_reads").noconvert().none() = nb::none(),
            "Step all pixels by one tick.\n"
            "\n"
-           "The keyword arguments are the state and are modified in place.\n"
+           "The keyword arguments but row_reads are the state and are modified in place.\n"
            "\n"
            "Args:\n"
            "    luminance: (h, w) float32.\n"
@@ -294,6 +311,8 @@ void bind_sensor(nb::module_& m) {
            "    clock_us: The sensor's clock at the start: the sum of all ticks so far.\n"
            "    tick_us: The length of the tick.\n"
            "    ticks: The number of ticks so far.\n"
+           "    row_reads: (n, 2) int32, rows of a frame that are read and when, us after the\n"
+           "        start of the tick, by time; None for none.\n"
            "\n"
            "Returns:\n"
            "    The event bytes, (16 n,) uint8, and the number of pixels with unusable\n"

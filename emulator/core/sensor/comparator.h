@@ -27,13 +27,14 @@
 #include <limits>
 #include <vector>
 
+#include "aps_crosstalk.h"
 #include "reproducible_math.h"
 #include "shot_noise.h"
 
 namespace evs {
 
 // The cause of an event. 0 in an event means that labels are off.
-enum class Cause : uint32_t { signal = 1, leak = 2, shot = 3, hot = 4 };
+enum class Cause : uint32_t { signal = 1, leak = 2, shot = 3, hot = 4, aps = 5 };
 
 // A threshold crossing or noise event, before sorting.
 struct Crossing {
@@ -78,6 +79,7 @@ struct Comparators {
   double shot_on = 0.0;             // Hz in the dark
   double shot_off = 0.0;            // Hz in the dark
   double rate_scale = 1.0;          // of the shot noise at this light
+  double crosstalk = 0.0;           // of a row read, log units
 
   // Append the crossings of the tick in order. NOISY: with those candidates for shot noise whose
   // pixel is `index`, this pixel's place in the block.
@@ -131,9 +133,16 @@ struct Comparators {
       if (k == count) break;
       // fire for the candidate, unless the pixel is refractory or its rate too low at this light
       const double draw = shots[k].draw_hz;
-      if (until < now || draw >= (shot_on + shot_off) * rate_scale) continue;
-      out.push_back(
-          crossing(until, static_cast<uint32_t>(Cause::shot), draw < shot_on * rate_scale));
+      if (until < now) continue;
+      if (draw != kRowRead && draw >= (shot_on + shot_off) * rate_scale) continue;
+      if (draw == kRowRead) {
+        // a row read lifts the signal for an instant
+        if (!((signal_at(until) - r) + crosstalk >= theta_on)) continue;
+        out.push_back(crossing(until, static_cast<uint32_t>(Cause::aps), true));
+      } else {
+        out.push_back(
+            crossing(until, static_cast<uint32_t>(Cause::shot), draw < shot_on * rate_scale));
+      }
       now = until;
       r = signal_at(until);
       if (!start_refractory(until)) return;

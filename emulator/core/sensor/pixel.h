@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <limits>
 
+#include "aps_crosstalk.h"
 #include "log_map.h"
 #include "lowpass.h"
 #include "running_mean.h"
@@ -34,7 +35,8 @@ struct PixelSettings {
   float least_gain = 0.0f;
   float noise_weight = 0.0f;
   bool running_mean = false;
-  bool causes = false;  // events hold their cause
+  bool causes = false;         // events hold their cause
+  double aps_crosstalk = 0.0;  // of the read of a row of a frame, log units
   ShotNoise shot;
 
   bool lowpass() const { return lowpass_low > 0.0 || lowpass_slope > 0.0; }
@@ -69,6 +71,7 @@ struct Tick {
   const float* luminance;
   int64_t begin_us;  // by the sensor's clock, the sum of all ticks so far
   uint32_t us;
+  RowReads rows = {};
 };
 
 // The inputs and constants of one tick.

@@ -5,6 +5,7 @@
 // accepted. Skipping changes no byte.
 #pragma once
 
+#include <algorithm>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
@@ -42,7 +43,8 @@ void compare(const PixelStep& step, size_t pixel, float from, float to, float dn
   const bool was_refractory = arrays.blind_until != nullptr && reference != reference;
   if (was_refractory) comparators.blind_until = arrays.blind_until[pixel];
   if (pattern.hot != nullptr && pattern.hot[pixel] != 0) comparators.drift_cause = Cause::hot;
-  if (NOISY) {
+  comparators.crosstalk = step.settings.aps_crosstalk;
+  if (NOISY && step.settings.shot.on != nullptr) {
     comparators.shot_on = step.settings.shot.on[pixel];
     comparators.shot_off = step.settings.shot.off[pixel];
     comparators.rate_scale = step.settings.shot.rate_scale(dn);
@@ -157,6 +159,7 @@ EVS_ALWAYS_INLINE uint64_t pixels_at_threshold(const float* __restrict theta_on,
 // Whether a candidate is below the rate of its pixel at this light.
 EVS_ALWAYS_INLINE bool accepts(const PixelStep& step, size_t first, const ShotCandidate& shot,
                                float dn) {
+  if (shot.draw_hz == kRowRead) return true;
   const ShotNoise& noise = step.settings.shot;
   const double scale = noise.rate_scale(dn);
   // reject most candidates by the bound of the block; the rates are seldom in the cache
@@ -180,6 +183,7 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
     draw_candidates(step.settings.shot, {arrays.shot.next + block, arrays.shot.count + block},
                     block, count, step.shot_bounds[block], step.tick.begin_us, end_us, shots);
   }
+  add_row_reads(step.tick.rows, first, count, shots);
   // skip the block if no event can occur
   const LuminanceCheck seen =
       check_luminance(step.tick.luminance + first, last_luminance, step.safe_below, count);
@@ -216,9 +220,25 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
         pixels_at_threshold<false>(theta_on, theta_off, signal.to, nullptr, reference, count);
   }
   uint64_t noisy = 0;
+  uint64_t read = 0;
   for (const ShotCandidate& shot : shots) {
-    if (accepts(step, first, shot, s.dn[shot.pixel])) noisy |= uint64_t{1} << shot.pixel;
+    const uint64_t bit = uint64_t{1} << shot.pixel;
+    if (shot.draw_hz == kRowRead) {
+      read |= bit;
+    } else if (accepts(step, first, shot, s.dn[shot.pixel])) {
+      noisy |= bit;
+    }
   }
+  // of the pixels whose row is read, those without another event that the read may fire
+  for (uint64_t left = read & ~(noisy | at_threshold); left != 0; left &= left - 1) {
+    const size_t i = static_cast<size_t>(std::countr_zero(left));
+    const double drift = drifts ? s.drift[i] : 0.0;
+    const double highest = std::max<double>(signal.from[i], signal.to[i] + drift);
+    const double level = (drifts ? s.reference[i] : reference[i]) + theta_on[i];
+    // 2^-40 covers the rounding of the signal
+    if (highest + step.settings.aps_crosstalk + 0x1p-40 >= level) noisy |= uint64_t{1} << i;
+  }
+  noisy |= read & at_threshold;
 
   // run their comparators
   const bool refractory = step.settings.refractory > 0;

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from evs.emulator.sensor.reference.noise import Candidate, on_grid
+from evs.emulator.sensor.reference.noise import ROW_READ, Candidate, on_grid
 from evs.msgs import Cause
 
 
@@ -49,6 +49,8 @@ class PixelTick:
     """rate of ON noise at this light"""
     shot_hz: float = 0.0
     """rate of both"""
+    crosstalk: float = 0.0
+    """by how much the read of its row lifts the signal for an instant"""
 
 
 def compare(p: PixelTick) -> tuple[list[PixelEvent], float, int]:
@@ -90,15 +92,25 @@ def compare(p: PixelTick) -> tuple[list[PixelEvent], float, int]:
             now, reference, cause = int(reached), level, moving
         elif shots:
             shot = shots.pop(0)
-            if shot.lot_hz >= p.shot_hz:
+            here = signal_at(shot.offset_us)
+            if not _fires(p, shot, here - reference):
                 continue
-            now, reference, cause = shot.offset_us, signal_at(shot.offset_us), Cause.SHOT
+            now, reference, cause = shot.offset_us, here, Cause.SHOT
             polarity = int(shot.lot_hz < p.shot_on_hz)
+            if shot.lot_hz == ROW_READ:
+                polarity, cause = 1, Cause.APS
         else:
             return events, reference - p.drift, p.blind_until_us
         events.append(PixelEvent(now, polarity, cause))
         if p.refractory_us:
             wake = now + p.refractory_us
+
+
+def _fires(p: PixelTick, shot: Candidate, above: float) -> bool:
+    """Whether a candidate fires a pixel whose signal is so far above its reference, log units."""
+    if shot.lot_hz == ROW_READ:
+        return above + p.crosstalk >= p.on
+    return shot.lot_hz < p.shot_hz
 
 
 def _stamp(part: float, speed: float, tick_us: int) -> int:

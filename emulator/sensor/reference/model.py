@@ -9,6 +9,7 @@ import numpy as np
 
 from evs.emulator.base.scene import F32, F64
 from evs.emulator.sensor import running_mean
+from evs.emulator.sensor.aps_crosstalk import RowReads
 from evs.emulator.sensor.fixed_pattern import FixedPattern, draw_pattern
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.pixel import BLOCK, PlainState, check_tick
@@ -16,6 +17,7 @@ from evs.emulator.sensor.reference.comparators import PixelEvent, PixelTick, com
 from evs.emulator.sensor.reference.filters import bandwidth, follow, share_of_tick, shares
 from evs.emulator.sensor.reference.light import is_light, log_light, to_dn
 from evs.emulator.sensor.reference.noise import (
+    ROW_READ,
     Candidate,
     candidates,
     leak,
@@ -62,6 +64,7 @@ class ReferenceModel:
         start, end = self._signal(log, dn, state, begins, tick_us)
         drift = self._drift(start, end, dn, state, pattern, tick_us)
         shots = self._shots(state, pattern, tick_us)
+        self._add_row_reads(shots, t_begin_us, t_end_us)
 
         events: list[tuple[PixelEvent, int]] = []
         reference = state.reference.reshape(-1)
@@ -85,13 +88,15 @@ class ReferenceModel:
                 hot=pattern.hot is not None and bool(pattern.hot.flat[i]),
             )
             if i in shots:
+                pixel = replace(
+                    pixel, shots=tuple(shots[i]), crosstalk=float(self.sensor.aps.crosstalk)
+                )
+            if i in shots and state.shot_next is not None:
                 assert pattern.shot_on is not None
                 assert pattern.shot_off is not None
                 share = shot_share(self.sensor, float(dn.flat[i]))
                 on, off = float(pattern.shot_on.flat[i]), float(pattern.shot_off.flat[i])
-                pixel = replace(
-                    pixel, shots=tuple(shots[i]), shot_on_hz=on * share, shot_hz=(on + off) * share
-                )
+                pixel = replace(pixel, shot_on_hz=on * share, shot_hz=(on + off) * share)
             found, reference[i], blind_until_us = compare(pixel)
             events += [(event, i) for event in found]
             if state.blind_until is not None:
@@ -185,6 +190,20 @@ class ReferenceModel:
             for shot in shots:
                 found.setdefault(first + shot.pixel, []).append(shot)
         return found
+
+    def _add_row_reads(
+        self, shots: dict[int, list[Candidate]], t_begin_us: int, t_end_us: int
+    ) -> None:
+        """Add the reads of rows in the tick to the candidates, each after noise of its us."""
+        aps, width = self.sensor.aps, self.sensor.width
+        if not (aps.enabled and aps.crosstalk):
+            return
+        reads = RowReads(aps, self.sensor.height).within(t_begin_us, t_end_us)
+        for row, offset_us in reads.tolist():
+            for pixel in range(row * width, (row + 1) * width):
+                found = shots.setdefault(pixel, [])
+                found.append(Candidate(pixel % BLOCK, offset_us, ROW_READ))
+                found.sort(key=lambda shot: shot.offset_us)
 
     def _packet(self, events: list[tuple[PixelEvent, int]], t_begin_us: int) -> Events:
         """By time; ties by pixel, then in the order in which the pixel had them."""

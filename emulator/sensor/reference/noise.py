@@ -18,6 +18,8 @@ from evs.emulator.sensor.random import Term
 
 UNITS = 1024
 """of the clock of shot noise, in a us"""
+ROW_READ = -1.0
+"""the lot of a candidate that is the read of the pixel's row in an intensity frame"""
 NEVER = 2**62
 """what that clock shows where no candidate comes any more"""
 

@@ -111,7 +111,7 @@ def test_the_arbiter_serves_row_after_row() -> None:
 @pytest.mark.statistical
 def test_rows_share_stamps_as_in_recordings_of_a_davis346() -> None:
     # A recording of a static scene (davis346.aedat4 of faery 0.7.1, without the ON events at the
-    # reads of APS rows): rate .0324 ev/us as its pixels meet it, and 1330 of 74332 successive events
+    # reads of APS rows): rate .0324 ev/us as pixels meet it, and 1330 of 74332 successive events
     # have the same stamp and another row. Poisson events whose readout takes d us share a us in
     # rate / 2 (1 - d^2) of the cases.
     count, per_us = 60_000, 0.0324
