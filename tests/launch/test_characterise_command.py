@@ -37,6 +37,9 @@ fifo = 512
 QUANTITIES = {
     *("ON threshold", "ON threshold, sigma over pixels"),
     *("OFF threshold", "OFF threshold, sigma over pixels", "dead pixels"),
+    *("ON threshold, Weber contrast", "OFF threshold, Weber contrast"),
+    *("ON ramp threshold, RCT", "ON ramp non-uniformity, RCTNU"),
+    *("OFF ramp threshold, RCT", "OFF ramp non-uniformity, RCTNU"),
     *("least illuminance", "dynamic range", "latency", "jitter", "bandwidth, -3 dB"),
     *("shot noise rate", "leak rate", "hot pixels", "refractory period", "peak rate"),
 }
@@ -79,7 +82,7 @@ def test_numbers_and_picture(
     assert by_name["OFF threshold"]["set"] == 0.3
     assert by_name["peak rate"]["set"] == 1.5e6
     assert set(told["curves"]) == {
-        *("thresholds", "dynamic_range", "latency", "bandwidth"),
+        *("thresholds", "ramp", "dynamic_range", "latency", "bandwidth"),
         *("background", "refractory", "peak_rate"),
     }
     curve = told["curves"]["thresholds"]["on"]

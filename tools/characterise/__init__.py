@@ -8,6 +8,7 @@ from evs.tools.characterise.dynamic_range import DynamicRange, measure_dynamic_r
 from evs.tools.characterise.latency import Latency, measure_latency
 from evs.tools.characterise.peak_rate import PeakRate, measure_peak_rate
 from evs.tools.characterise.quantity import Quantity
+from evs.tools.characterise.ramp import RampThresholds, measure_ramp
 from evs.tools.characterise.refractory import Refractory, measure_refractory
 from evs.tools.characterise.suite import PIXELS, STEPS, Characterisation, characterise
 
@@ -22,6 +23,7 @@ __all__ = [
     "Latency",
     "PeakRate",
     "Quantity",
+    "RampThresholds",
     "Refractory",
     "SCurve",
     "Thresholds",
@@ -31,6 +33,7 @@ __all__ = [
     "measure_dynamic_range",
     "measure_latency",
     "measure_peak_rate",
+    "measure_ramp",
     "measure_refractory",
     "measure_thresholds",
 ]

@@ -78,6 +78,20 @@ class Thresholds:
         found.append(Quantity("dead pixels", "", self.dead_share, error, dead, DAYLIGHT_LUX))
         return found
 
+    def weber_results(self, sensor: SensorParameters) -> list[Quantity]:
+        """The mean thresholds as Weber contrasts, (L_max - L_min) / L_min, in percent."""
+        found = []
+        for name, curve, mean in (
+            ("ON threshold, Weber contrast", self.on, sensor.pos_thres),
+            ("OFF threshold, Weber contrast", self.off, sensor.neg_thres),
+        ):
+            measured, error = curve.fit.mean, curve.fit.mean_error
+            note = "no pixel answers" if math.isnan(measured) else ""
+            percent, promised = 100.0 * math.expm1(measured), 100.0 * math.expm1(mean)
+            percent_error = 100.0 * math.exp(measured) * error
+            found.append(Quantity(name, "%", percent, percent_error, promised, DAYLIGHT_LUX, note))
+        return found
+
 
 def measure_thresholds(bench: Bench) -> Thresholds:
     """Measure the S-curves of both polarities, from rest in daylight."""

@@ -98,6 +98,31 @@ def log_step(sensor: SensorParameters, lux: float, after: float) -> float:
     return float(second - first)
 
 
+def ramp_contrast(
+    sensor: SensorParameters, on: bool, lux: float, slope: float
+) -> tuple[float, float]:
+    """Weber contrast between two events on a ramp: that of the mean threshold, and its spread.
+
+    Args:
+        sensor: its parameters.
+        on: the polarity.
+        lux: illuminance in the middle of the ramp.
+        slope: of the ramp, log units a second; the leak helps ON events and hinders OFF events.
+
+    Returns:
+        (contrast, its standard deviation over pixels), of 1; NaN: the leak is faster than the ramp.
+    """
+    theta = sensor.pos_thres if on else sensor.neg_thres
+    leak = leak_rate_hz(sensor, lux) * sensor.pos_thres
+    if not on and leak > 0.9 * slope:
+        return math.nan, math.nan
+    share = slope / (slope + leak if on else slope - leak)
+    variance = (share * sensor.sigma_thres) ** 2
+    # of a log-normal ratio of light
+    spread = math.exp(share * theta + 0.5 * variance) * math.sqrt(math.expm1(variance))
+    return math.expm1(share * theta), spread
+
+
 def lowest_lux(sensor: SensorParameters, darkest: float, brightest: float) -> float:
     """Least illuminance at which a step by CONTRAST crosses the mean ON threshold.
 

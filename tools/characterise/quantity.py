@@ -14,7 +14,7 @@ class Quantity:
     quantity: str
     """what was measured, in words; the same words for every sensor"""
     unit: str
-    """SI or log (natural logarithm of light); empty for pure numbers"""
+    """SI, log (natural logarithm of light) or % (of Weber contrast); empty for pure numbers"""
     measured: float
     """NaN: the bench could not measure it, and `note` says why"""
     error: float

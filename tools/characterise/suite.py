@@ -27,6 +27,7 @@ from evs.tools.characterise.latency import LADDER_LUX as LATENCY_LUX
 from evs.tools.characterise.latency import Latency, latency_results, measure_latency
 from evs.tools.characterise.peak_rate import PeakRate, measure_peak_rate
 from evs.tools.characterise.quantity import Quantity
+from evs.tools.characterise.ramp import RampThresholds, measure_ramp
 from evs.tools.characterise.refractory import Refractory, measure_refractory
 
 PIXELS = 100_000
@@ -34,7 +35,7 @@ PIXELS = 100_000
 
 LEAST_PIXELS = 64
 
-STEPS = 4 + len(LADDER_LUX) + len(BANDWIDTH_LUX) + len(LATENCY_LUX)
+STEPS = 5 + len(LADDER_LUX) + len(BANDWIDTH_LUX) + len(LATENCY_LUX)
 """How often `moved` is called."""
 
 
@@ -47,6 +48,7 @@ class Characterisation:
     """how many were measured"""
     seed: int
     thresholds: Thresholds
+    ramp: RampThresholds
     background: list[Background]
     refractory: Refractory
     bandwidth: list[Bandwidth]
@@ -59,6 +61,8 @@ class Characterisation:
         sensor = self.sensor
         return [
             *self.thresholds.results(sensor),
+            *self.thresholds.weber_results(sensor),
+            *self.ramp.results(sensor),
             *self.dynamic_range.results(sensor),
             *self.latency_results(),
             *self.bandwidth_results(),
@@ -89,6 +93,7 @@ class Characterisation:
         # the maps are in the picture; their numbers would be most of the file
         for polarity in ("on", "off"):
             del curves["thresholds"][polarity]["thresholds"]
+            del curves["ramp"][polarity]["contrast"]
         return {
             "sensor": _plain(dataclasses.asdict(self.sensor)),
             "pixels": self.pixels,
@@ -99,7 +104,7 @@ class Characterisation:
 
 
 _CURVES = (
-    *("thresholds", "dynamic_range", "latency", "bandwidth"),
+    *("thresholds", "ramp", "dynamic_range", "latency", "bandwidth"),
     *("background", "refractory", "peak_rate"),
 )
 
@@ -130,6 +135,8 @@ def characterise(
     bench = full_bench.part(pixels)
     moved("thresholds")
     thresholds = measure_thresholds(bench)
+    moved("ramp thresholds")
+    ramp = measure_ramp(bench)
     moved("refractory period")
     refractory = measure_refractory(bench)
     moved("dynamic range")
@@ -151,7 +158,7 @@ def characterise(
     moved("peak rate")
     peak_rate = measure_peak_rate(full_bench)
     return Characterisation(
-        sensor, bench.pixels, seed, thresholds, background, refractory, bandwidth, latency,
+        sensor, bench.pixels, seed, thresholds, ramp, background, refractory, bandwidth, latency,
         dynamic_range, peak_rate,
     )  # fmt: skip
 

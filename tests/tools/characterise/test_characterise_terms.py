@@ -22,13 +22,15 @@ from evs.tools.characterise import (
     measure_dynamic_range,
     measure_latency,
     measure_peak_rate,
+    measure_ramp,
     measure_refractory,
     measure_thresholds,
 )
 from evs.tools.characterise.background import background_results
 from evs.tools.characterise.bandwidth import bandwidth_results
-from evs.tools.characterise.expected import DOUBLED, leak_rate_hz
+from evs.tools.characterise.expected import DOUBLED, leak_rate_hz, time_constants_s
 from evs.tools.characterise.latency import latency_results
+from evs.tools.characterise.ramp import MIDDLE_LUX, SLOPE
 from evs.tools.characterise.settle import window_us
 
 pytestmark = pytest.mark.statistical
@@ -123,6 +125,64 @@ def test_the_map_is_that_of_the_pixels() -> None:
         assert np.count_nonzero(told) > 0.99 * np.count_nonzero(np.isfinite(truth))
         # leak within the bench's window and the steps of the search
         assert np.quantile(np.abs(measured[told] / truth[told] - 1.0), 0.99) < 2e-3
+
+
+@pytest.mark.parametrize(
+    "terms",
+    quick_and_slow(
+        [{}, {"sigma_thres": 0.0}],
+        [
+            ALL,
+            {"pos_thres": 0.4, "neg_thres": 0.15},
+            {"cutoff_hz": 2700.0, "follower_hz": 286.0, "dark_lux": 0.1, "dim_lux": 0.1},
+            {"shot_noise_rate_hz": 2.0, "leak_rate_hz": 0.1},
+        ],
+    ),
+)
+def test_ramp_thresholds(terms: dict[str, Any]) -> None:
+    """Prophesee's (L_max / L_min)^(1 / n) - 1 for n = ln(L_max / L_min) / theta events."""
+    made = bench(**terms)
+    found = measure_ramp(made)
+    on, on_spread, off, off_spread = found.results(made.sensor)
+    bare = not set(terms) & {"leak_rate_hz", "cutoff_hz"}
+    if bare:
+        assert math.isclose(on.set, 100 * math.expm1(made.sensor.pos_thres), rel_tol=1e-12)
+        assert math.isclose(off.set, 100 * math.expm1(made.sensor.neg_thres), rel_tol=1e-12)
+    # microseconds of the stamps; the filters' lag, which is less in more light; blind pixels
+    lag_s = sum(time_constants_s(made.sensor, MIDDLE_LUX)) + made.sensor.refractory_period_s
+    for result, theta in ((on, made.sensor.pos_thres), (off, made.sensor.neg_thres)):
+        shift = 1e-4 + SLOPE * lag_s * (1.0 + 1.0 / theta * bool(made.sensor.refractory_period_s))
+        assert abs(result.measured - result.set) < Z * result.error + shift * result.set, result
+    if made.sensor.sigma_thres > 0.0:
+        for result in (on_spread, off_spread):
+            # rates that differ from pixel to pixel add to the spread of thresholds
+            limit = Z * result.error + (0.0 if bare else 0.03) * result.set
+            assert abs(result.measured - result.set) < limit, result
+    else:
+        assert max(on_spread.measured, off_spread.measured) < 1e-2
+    dead = np.isnan(found.on.contrast).mean()
+    assert abs(dead - made.sensor.dead_pixel_fraction) < 1e-3
+
+
+def test_a_ramp_without_events_is_said_to_be_one() -> None:
+    made = bench(side=16, pos_thres=5.0)
+    on, spread, off, _ = measure_ramp(made).results(made.sensor)
+    assert math.isnan(on.measured)
+    assert math.isnan(spread.measured)
+    assert on.note == "too few events"
+    assert off.note == ""
+
+
+def test_weber_contrast_is_the_threshold_in_percent() -> None:
+    made = bench(side=64)
+    found = measure_thresholds(made)
+    log, _, off_log, *_ = found.results(made.sensor)
+    on, off = found.weber_results(made.sensor)
+    assert on.set == pytest.approx(28.4025, abs=1e-3)  # e^.25 - 1
+    assert on.measured == pytest.approx(100 * (math.exp(log.measured) - 1), rel=1e-12)
+    assert off.measured == pytest.approx(100 * (math.exp(off_log.measured) - 1), rel=1e-12)
+    check(on, 0.03)
+    check(off, 0.03)
 
 
 def test_without_spread_there_is_none() -> None:
