@@ -387,7 +387,7 @@ class PixelArray:
     owns the state.
     """
 
-    def __init__(self, settings: PixelSettings, width: int, height: int, *, theta_on: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], theta_off: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], leak: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, parasitic: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, phase: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, hot: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, shot_on: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, shot_off: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, threads: int = 0, isa: str = 'auto') -> None:
+    def __init__(self, settings: PixelSettings, width: int, height: int, *, theta_on: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], theta_off: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], leak: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, parasitic: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, phase: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, hot: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, shot_on: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, shot_off: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, refractory_us: Annotated[NDArray[numpy.uint32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, threads: int = 0, isa: str = 'auto') -> None:
         """
         Args:
             theta_on, theta_off: (h, w) float32, the thresholds, at least 2^-20.
@@ -395,6 +395,8 @@ class PixelArray:
             phase: (h, w) float32, from the first reference up to the first light, log units.
             hot: (h, w) uint8, 1 for a hot pixel.
             shot_on, shot_off: (h, w) float32, the rates of shot noise in the dark, Hz.
+            refractory_us: (h, w) uint32, the refractory period of each pixel, 1 ... 2^30;
+                None for that of the settings.
             threads: The number of threads; 0 for one per core.
             isa: An instruction set of isa_available(), or auto.
         """

@@ -66,6 +66,7 @@ FEATURES = (
         "pixels that are blind after an event",
         "a period of 0 would sample the reference anew after each event",
     ),
+    Feature("refractory_spread", "sensor", "a refractory period of its own for each pixel"),
     Feature(
         "running_mean",
         "model",

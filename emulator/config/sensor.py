@@ -262,6 +262,14 @@ class PixelKeys(Generic[Unset]):
         within=(0.0, 100.0),
         term="refractory",
     )
+    refractory_spread_decades: float | Unset = parameter(
+        0.0,
+        "spread of the refractory period over pixels: standard deviation of its log10 (fixed "
+        "pattern); refractory_period_s is the mean",
+        unit="decades",
+        within=(0.0, 1.0),
+        term="refractory_spread",
+    )
     hot_pixel_fraction: float | Unset = parameter(
         0.0,
         "fraction of hot pixels, which leak at hot_pixel_rate_hz",

@@ -27,6 +27,12 @@ GRID = 2.0**43
 Mask = np.ndarray[Any, np.dtype[np.uint8]]
 
 
+Periods = np.ndarray[Any, np.dtype[np.uint32]]
+
+LONGEST_US = 2**30
+"""No refractory period that is drawn is longer, 18 minutes."""
+
+
 @dataclass(frozen=True)
 class FixedPattern:
     """Of (h, w) pixels. It follows from sensor and seed, so it is no state."""
@@ -48,6 +54,8 @@ class FixedPattern:
     """(h, w) rate of ON noise in the dark, Hz"""
     shot_off: F32 | None = None
     """(h, w) rate of OFF noise in the dark, Hz"""
+    refractory_us: Periods | None = None
+    """(h, w) refractory period, whole us, 1 or more"""
 
 
 def floor(mean: float) -> float:
@@ -60,7 +68,8 @@ def draw_pattern(
 ) -> FixedPattern:
     """Draw the fixed pattern: one standard normal number N per pixel and term.
 
-    theta = max(floor(mean), mean + sigma N); rates times 10^(cov N), so that their mean is 1.
+    theta = max(floor(mean), mean + sigma N); rates and refractory periods times 10^(cov N), so
+    that the mean of that is 1.
 
     Args:
         sensor: The sensor, resolved.
@@ -76,9 +85,9 @@ def draw_pattern(
         return np.maximum(floor(mean), mean + sensor.sigma_thres * pixel_normals(seed, term, *size))
 
     def spread(term: Term) -> F64 | float:
-        cov = sensor.noise_rate_cov_decades
-        if not terms.rate_spread:
-            return 1.0
+        return log_normal(term, sensor.noise_rate_cov_decades) if terms.rate_spread else 1.0
+
+    def log_normal(term: Term, cov: float) -> F64:
         mean = math.exp((cov * math.log(10.0)) ** 2 / 2.0)  # of a log-normal number
         return exp10(cov * pixel_normals(seed, term, *size)) / round(mean, 12)
 
@@ -107,6 +116,10 @@ def draw_pattern(
         phase = pixel_uniforms(seed, Term.LEAK_PHASE, *size) * on
         values["phase"] = np.where(leaks & ~dead, phase, 0.0)
     arrays = {name: _constant(array, np.float32) for name, array in values.items()}
+    if terms.refractory_spread and terms.refractory:
+        relative = log_normal(Term.REFRACTORY, sensor.refractory_spread_decades)
+        periods = np.floor(relative * sensor.refractory_us + 0.5)
+        arrays["refractory_us"] = _constant(np.clip(periods, 1, LONGEST_US), np.uint32)
     if terms.hot_pixels:
         arrays["hot"] = _constant(hot, np.uint8)
     return FixedPattern(

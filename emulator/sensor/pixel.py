@@ -211,6 +211,7 @@ class PlainModel:
             hot=pattern.hot,
             shot_on=pattern.shot_on,
             shot_off=pattern.shot_off,
+            refractory_us=pattern.refractory_us,
             threads=self._threads,
             isa=self._isa,
         )

@@ -34,6 +34,7 @@ class Term(IntEnum):
     """in core/sensor/shot_noise.h, of blocks of pixels"""
     INTERNAL_STATE = 7
     """of a network: V(0)"""
+    REFRACTORY = 8
     LATENCY = 64
     """in core/sensor/readout.h, of an event: pixel, time and polarity"""
     ARBITER = 65

@@ -46,6 +46,7 @@ class SensorTerms:
     parasitic_leak: bool
     shot_noise: bool
     refractory: bool
+    refractory_spread: bool
     running_mean: bool
     causes: bool
     hot_pixels: bool

@@ -2,8 +2,8 @@
 
 Prophesee's data sheets name them RCT, with their non-uniformity RCTNU. As users quote them, light
 rises from L_min to L_max and falls again, a pixel has n events of a polarity on its way, and its
-RCT is (L_max / L_min)^(1 / n) - 1. Here n is what the usual interval of its events gives for the whole
-ramp, so that it is no whole number and the events that its noise adds do not count.
+RCT is (L_max / L_min)^(1 / n) - 1. Here n is what the usual interval of its events gives for the
+whole ramp, so that it is no whole number and the events that its noise adds do not count.
 """
 
 from __future__ import annotations

@@ -86,11 +86,13 @@ class BoundPixels {
   BoundPixels(const PixelSettings& settings, int width, int height, FrameIn<float> theta_on,
               FrameIn<float> theta_off, MaybeIn<float> leak, MaybeIn<float> parasitic,
               MaybeIn<float> phase, MaybeIn<uint8_t> hot, MaybeIn<float> shot_on,
-              MaybeIn<float> shot_off, int threads, const std::string& isa)
+              MaybeIn<float> shot_off, MaybeIn<uint32_t> refractory, int threads,
+              const std::string& isa)
       : settings_(settings),
         width_(static_cast<size_t>(width)),
         height_(static_cast<size_t>(height)),
-        keep_(nb::make_tuple(theta_on, theta_off, leak, parasitic, phase, hot, shot_on, shot_off)) {
+        keep_(nb::make_tuple(theta_on, theta_off, leak, parasitic, phase, hot, shot_on, shot_off,
+                             refractory)) {
     PixelPattern pattern;
     pattern.theta_on = pixels(theta_on);
     pattern.theta_off = pixels(theta_off);
@@ -98,10 +100,14 @@ class BoundPixels {
     pattern.parasitic = pixels(parasitic);
     pattern.phase = pixels(phase);
     pattern.hot = pixels(hot);
+    pattern.refractory = pixels(refractory);
     settings_.shot.on = pixels(shot_on);
     settings_.shot.off = pixels(shot_off);
     if (pattern.parasitic != nullptr && pattern.leak == nullptr) {
       throw std::invalid_argument("a parasitic leak needs the array of leaks");
+    }
+    if (pattern.refractory != nullptr && settings_.refractory == 0) {
+      throw std::invalid_argument("refractory periods of pixels need one in the settings");
     }
     if ((settings_.shot.on == nullptr) != (settings_.shot.off == nullptr)) {
       throw std::invalid_argument("shot noise has rates of both polarities");
@@ -272,18 +278,21 @@ void bind_sensor(nb::module_& m) {
       "owns the state.")
       .def(nb::init<const PixelSettings&, int, int, FrameIn<float>, FrameIn<float>, MaybeIn<float>,
                     MaybeIn<float>, MaybeIn<float>, MaybeIn<uint8_t>, MaybeIn<float>,
-                    MaybeIn<float>, int, const std::string&>(),
+                    MaybeIn<float>, MaybeIn<uint32_t>, int, const std::string&>(),
            nb::arg("settings"), nb::arg("width"), nb::arg("height"), nb::kw_only(),
            nb::arg("theta_on"), nb::arg("theta_off"), nb::arg("leak").none() = nb::none(),
            nb::arg("parasitic").none() = nb::none(), nb::arg("phase").none() = nb::none(),
            nb::arg("hot").none() = nb::none(), nb::arg("shot_on").none() = nb::none(),
-           nb::arg("shot_off").none() = nb::none(), nb::arg("threads") = 0, nb::arg("isa") = "auto",
+           nb::arg("shot_off").none() = nb::none(), nb::arg("refractory_us").none() = nb::none(),
+           nb::arg("threads") = 0, nb::arg("isa") = "auto",
            "Args:\n"
            "    theta_on, theta_off: (h, w) float32, the thresholds, at least 2^-20.\n"
            "    leak, parasitic: (h, w) float32, log units per us; None for none.\n"
            "    phase: (h, w) float32, from the first reference up to the first light, log units.\n"
            "    hot: (h, w) uint8, 1 for a hot pixel.\n"
            "    shot_on, shot_off: (h, w) float32, the rates of shot noise in the dark, Hz.\n"
+           "    refractory_us: (h, w) uint32, the refractory period of each pixel, 1 ... 2^30;\n"
+           "        None for that of the settings.\n"
            "    threads: The number of threads; 0 for one per core.\n"
            "    isa: An instruction set of isa_available(), or auto.")
       .def("step", &BoundPixels::step, nb::arg("luminance").noconvert(), nb::arg("t_begin_us"),

@@ -44,12 +44,13 @@ struct PixelSettings {
 
 // The fixed pattern, row by row. Null: the term is off.
 struct PixelPattern {
-  const float* theta_on = nullptr;   // at least 2^-20
-  const float* theta_off = nullptr;  // at least 2^-20
-  const float* leak = nullptr;       // log units per us, multiples of 2^-43
-  const float* parasitic = nullptr;  // the same, in proportion to light
-  const float* phase = nullptr;      // log units from the first reference up to the first light
-  const uint8_t* hot = nullptr;      // 1: the cause of its leak events is `hot`
+  const float* theta_on = nullptr;       // at least 2^-20
+  const float* theta_off = nullptr;      // at least 2^-20
+  const float* leak = nullptr;           // log units per us, multiples of 2^-43
+  const float* parasitic = nullptr;      // the same, in proportion to light
+  const float* phase = nullptr;          // log units from the first reference up to the first light
+  const uint8_t* hot = nullptr;          // 1: the cause of its leak events is `hot`
+  const uint32_t* refractory = nullptr;  // us, in [1, 2^30]; null: that of the settings
 };
 
 // The state of all pixels, row by row, all In/out. Null: the term is off.
@@ -73,6 +74,12 @@ struct Tick {
   uint32_t us;
   RowReads rows = {};
 };
+
+// The refractory period of a pixel, us; 0: none.
+inline uint32_t refractory_us(const PixelSettings& settings, const PixelPattern& pattern,
+                              size_t pixel) {
+  return pattern.refractory == nullptr ? settings.refractory : pattern.refractory[pixel];
+}
 
 // The inputs and constants of one tick.
 struct PixelStep {

@@ -38,7 +38,7 @@ void compare(const PixelStep& step, size_t pixel, float from, float to, float dn
   comparators.drift = drift;
   comparators.begin_us = step.tick.begin_us;
   comparators.tick = step.tick.us;
-  comparators.refractory = step.settings.refractory;
+  comparators.refractory = refractory_us(step.settings, pattern, pixel);
   // load the end of a refractory period only if there is one: it is seldom in the cache
   const bool was_refractory = arrays.blind_until != nullptr && reference != reference;
   if (was_refractory) comparators.blind_until = arrays.blind_until[pixel];
@@ -86,7 +86,8 @@ EVS_ALWAYS_INLINE void compare_simple(const PixelStep& step, size_t pixel, float
     now = stamp;
     if constexpr (REFRACTORY) {
       // reset the reference to the signal when the refractory period ends
-      const uint64_t until = static_cast<uint64_t>(stamp) + step.settings.refractory;
+      const uint64_t until =
+          static_cast<uint64_t>(stamp) + refractory_us(step.settings, step.pattern, pixel);
       if (until > step.tick.us) {
         step.arrays.blind_until[pixel] = step.tick.begin_us + static_cast<int64_t>(until);
         r = std::numeric_limits<double>::quiet_NaN();

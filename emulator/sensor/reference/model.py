@@ -84,7 +84,11 @@ class ReferenceModel:
                 drift=float(drift.flat[i]),
                 begin_us=state.clock_us,
                 tick_us=tick_us,
-                refractory_us=self.sensor.refractory_us,
+                refractory_us=(
+                    self.sensor.refractory_us
+                    if pattern.refractory_us is None
+                    else int(pattern.refractory_us.flat[i])
+                ),
                 hot=pattern.hot is not None and bool(pattern.hot.flat[i]),
             )
             if i in shots:

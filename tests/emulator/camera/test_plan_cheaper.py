@@ -150,6 +150,7 @@ TERMS = {
     "leak": (1, 4 + 4, 16 / 64),
     "parasitic_leak": (1, 4 + 4 + 4, 16 / 64),
     "shot_noise": (0, 4 + 4, 16 / 64),
+    "refractory_spread": (0, 0, 0),
     "causes": (0, 0, 0),
 }
 

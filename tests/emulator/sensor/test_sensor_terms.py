@@ -30,6 +30,7 @@ TERMS = {
     "shot": {"shot_noise_rate_hz": 200.0},
     "rates": {"noise_rate_cov_decades": 0.2},
     "refractory": {"refractory_period_s": 0.0005},
+    "refractory_spread": {"refractory_period_s": 0.0005, "refractory_spread_decades": 0.2},
     "hot": {"hot_pixel_fraction": 0.1},
     "dead": {"dead_pixel_fraction": 0.1},
 }
@@ -41,6 +42,7 @@ STATE = {
     "parasitic": {"due_us", "since_us"},
     "shot": {"shot_next", "shot_count"},
     "refractory": {"blind_until", "due_us", "since_us"},
+    "refractory_spread": {"blind_until", "due_us", "since_us"},
     "hot": {"due_us", "since_us"},
 }
 """term -> the arrays of state that it has"""
@@ -48,6 +50,7 @@ PATTERN = {
     "leak": {"leak", "phase"},
     "parasitic": {"leak", "parasitic", "phase"},
     "shot": {"shot_on", "shot_off"},
+    "refractory_spread": {"refractory_us"},
     "hot": {"leak", "phase", "hot"},
 }
 """term -> the arrays of fixed pattern that it has"""
@@ -136,7 +139,7 @@ def of_cause(cause: int, model: PlainModel, frames: list[F32], seed: int) -> lis
 
 @settings(max_examples=60)
 @given(
-    names=st.sets(st.sampled_from([name for name in TERMS if name != "refractory"])),
+    names=st.sets(st.sampled_from([name for name in TERMS if not name.startswith("refractory")])),
     seed=st.integers(0, 2**32 - 1),
 )
 def test_noise_comes_at_the_same_times_whatever_else_is_on(names: set[str], seed: int) -> None:

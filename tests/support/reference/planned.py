@@ -150,6 +150,9 @@ NEEDS = {
     "parasitic_leak": Film(sensor={"parasitic_leak_hz": 50.0}),
     "shot_noise": Film(sensor={"shot_noise_rate_hz": 100.0}),
     "refractory": Film(sensor={"refractory_period_s": 0.002}),
+    "refractory_spread": Film(
+        sensor={"refractory_period_s": 0.002, "refractory_spread_decades": 0.2}
+    ),
     "running_mean": Film({}, {}, {}, {}, {"name": "adaptive"}),
     "causes": Film({}, {}, {}, {}, {"labels": True}),
     "readout": Film(sensor={"readout": ReadoutConfig(order="scan", scan_us=400)}),
