@@ -94,7 +94,6 @@ void run_arbiter(const ArbiterTimes& times, RowAccessTimes& access_times,
                  ReadoutClock& clock, PixelLatches& latches, Stage& stage) {
   const uint64_t key = term_key(static_cast<uint64_t>(clock[Seed]), kTermArbiter);
   const uint64_t column_key = term_key(static_cast<uint64_t>(clock[Seed]), kTermColumns);
-  std::vector<uint32_t> row_requests;
   size_t next = 0;
   auto request = [&](size_t i) {
     const Event& event = requests[i].event;
@@ -126,16 +125,18 @@ void run_arbiter(const ArbiterTimes& times, RowAccessTimes& access_times,
     // latch the row and send its events
     if (clock[LatchNs] > end_ns) break;
     request_until(clock[LatchNs]);
-    row_requests.clear();
-    latches.take_row(static_cast<size_t>(clock[AccessRow]),
-                     [&](uint32_t index) { row_requests.push_back(index); });
-    const size_t sent = row_requests.size();
-    const bool from_right =
-        sent > 1 && hash(column_key, static_cast<uint64_t>(clock[Accesses])) & 1;
-    for (size_t i = 0; i < sent; i++) {
-      stage.read(clock[LatchNs], requests[row_requests[from_right ? sent - 1 - i : i]].event);
+    int64_t sent = 0;
+    const auto send = [&](uint32_t index) {
+      stage.read(clock[LatchNs], requests[index].event);
+      sent++;
+    };
+    const size_t row = static_cast<size_t>(clock[AccessRow]);
+    if (hash(column_key, static_cast<uint64_t>(clock[Accesses])) & 1) {
+      latches.take_row_from_right(row, send);
+    } else {
+      latches.take_row(row, send);
     }
-    clock[FreeNs] = clock[LatchNs] + static_cast<int64_t>(sent) * times.column_ns;
+    clock[FreeNs] = clock[LatchNs] + sent * times.column_ns;
     clock[LastRow] = clock[AccessRow];
     clock[AccessRow] = -1;
   }

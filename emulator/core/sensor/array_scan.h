@@ -24,6 +24,33 @@ struct ScanTimes {
   int64_t events = 0;  // 0: any number
 };
 
+// Sort the requests from `first` on by time, which rises from column to column; rows stay in order.
+inline void sort_by_column(std::vector<Request>& reading, size_t first, int width, bool from_right,
+                           std::vector<Request>& sorted, std::vector<size_t>& ends) {
+  const auto begin = reading.begin() + static_cast<ptrdiff_t>(first);
+  const size_t count = reading.size() - first;
+  const size_t columns = static_cast<size_t>(width);
+  if (count < columns / 8) {
+    std::stable_sort(begin, reading.end(),
+                     [](const Request& a, const Request& b) { return a.ns < b.ns; });
+    return;
+  }
+  // count the events of each column, in the order in which columns are read
+  const auto place = [&](const Request& request) {
+    const size_t x = static_cast<size_t>(request.event.x);
+    return from_right ? columns - 1 - x : x;
+  };
+  ends.assign(columns + 1, 0);
+  for (size_t i = 0; i < count; i++) ends[place(begin[static_cast<ptrdiff_t>(i)]) + 1]++;
+  for (size_t x = 0; x < columns; x++) ends[x + 1] += ends[x];
+  sorted.resize(count);
+  for (size_t i = 0; i < count; i++) {
+    const Request& request = begin[static_cast<ptrdiff_t>(i)];
+    sorted[ends[place(request)]++] = request;
+  }
+  std::copy(sorted.begin(), sorted.end(), begin);
+}
+
 // In: requests [0, due), first those that pixels hold, then the others by time, all <= end_ns.
 // In/out: `reading`, events of a scan whose column is still to be read. Calls `stage.read` in order
 // of time. Out: `latches` with the requests that wait for a scan.
@@ -38,6 +65,8 @@ void run_scan(const ScanTimes& times, int width, const std::vector<Request>& req
     }
     reading.erase(reading.begin(), reading.begin() + static_cast<ptrdiff_t>(read));
   };
+  std::vector<Request> sorted;
+  std::vector<size_t> ends;
   // all latched requests belong to one scan, the first at or after them that is read
   int64_t scan = 0;
   const auto hold_array = [&] {
@@ -47,11 +76,8 @@ void run_scan(const ScanTimes& times, int width, const std::vector<Request>& req
       const int64_t columns = (times.from_right ? width - 1 - event.x : event.x) + 1;
       reading.push_back(Request{scan * times.scan_ns + columns * times.column_ns, event});
     });
-    const auto first = reading.begin() + static_cast<ptrdiff_t>(before);
-    // column by column; rows stay in order
-    std::stable_sort(first, reading.end(),
-                     [](const Request& a, const Request& b) { return a.ns < b.ns; });
-    const int64_t count = reading.end() - first;
+    if (times.column_ns > 0) sort_by_column(reading, before, width, times.from_right, sorted, ends);
+    const int64_t count = static_cast<int64_t>(reading.size() - before);
     clock[NextScan] = scan + (times.events > 0 ? ceil_div(count, times.events) : 1);
     read_columns();
   };

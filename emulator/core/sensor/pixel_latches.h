@@ -56,6 +56,20 @@ class PixelLatches {
     }
   }
 
+  // The same from the right.
+  template <class Take>
+  void take_row_from_right(size_t row, Take take) {
+    rows_[row / 64] &= ~(uint64_t{1} << (row % 64));
+    for (size_t w = words_; w-- > 0;) {
+      uint64_t& word = pixels_[row * words_ + w];
+      while (word) {
+        const size_t bit = 63 - static_cast<size_t>(std::countl_zero(word));
+        word ^= uint64_t{1} << bit;
+        take(requests_[row * width_ + w * 64 + bit]);
+      }
+    }
+  }
+
   // Call take(index) for all requests, row by row, and clear them.
   template <class Take>
   void take_all(Take take) {

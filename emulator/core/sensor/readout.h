@@ -141,7 +141,8 @@ class Readout {
     const uint64_t phase_key = term_key(static_cast<uint64_t>(clock[Seed]), kTermPhase);
     const uint8_t* fates = settings_.fates.empty() ? nullptr : settings_.fates.data();
     const size_t width = static_cast<size_t>(settings_.width);
-    requests_.reserve(requests_.size() + count);
+    const size_t before = requests_.size();
+    requests_.reserve(before + count);
     for (size_t i = 0; i < count; i++) {
       const Event& event = events[i];
       const size_t x = static_cast<size_t>(event.x), y = static_cast<size_t>(event.y);
@@ -170,6 +171,33 @@ class Readout {
         delay_ns -= static_cast<int64_t>((bits >> 32) * phases >> 32);
       }
       requests_.push_back(Request{event.t * 1000 + delay_ns, event});
+    }
+    if (phases != 0 && !late) sort_within_us(before);
+  }
+
+  // Sort the requests from `first` on, which are sorted by the us of their events, by time.
+  void sort_within_us(size_t first) {
+    constexpr size_t kFew = 24;
+    const auto earlier = [](const Request& a, const Request& b) { return a.ns < b.ns; };
+    while (first < requests_.size()) {
+      size_t end = first + 1;
+      while (end < requests_.size() && requests_[end].event.t == requests_[first].event.t) end++;
+      const auto begin = requests_.begin();
+      if (end - first > kFew) {
+        std::stable_sort(begin + static_cast<ptrdiff_t>(first), begin + static_cast<ptrdiff_t>(end),
+                         earlier);
+      } else {
+        // by insertion, which keeps the order of equal times
+        for (size_t i = first + 1; i < end; i++) {
+          const Request request = requests_[i];
+          size_t at = i;
+          for (; at > first && request.ns < requests_[at - 1].ns; at--) {
+            requests_[at] = requests_[at - 1];
+          }
+          requests_[at] = request;
+        }
+      }
+      first = end;
     }
   }
 
