@@ -25,8 +25,10 @@ struct Terms {
   PixelPattern pattern;
   std::vector<float> theta, leak, rate;
   std::vector<uint8_t> hot;
+  std::vector<uint32_t> periods;
 
   Terms() : theta(kPixels, 0.2f), leak(kPixels, 0x1p-30f), rate(kPixels, 500.0f), hot(kPixels, 1) {
+    for (uint32_t i = 0; i < kPixels; i++) periods.push_back(i % 7 == 0 ? 1u << 30 : 1 + 13 * i);
     theta[3] = std::numeric_limits<float>::infinity();  // a dead pixel
     leak[3] = 0.0f;
     rate[3] = 0.0f;
@@ -87,7 +89,13 @@ std::vector<Event> run(const Terms& terms, const std::string& isa, int threads, 
       if (++round % 11 == 0) us = 700'000;
       size_t clamped = 0;
       const PixelArrays arrays = memory.arrays(terms);
-      EventBuffer events = sensor.step(arrays, {light.data(), t, us}, t, clamped);
+      // the rows of a frame are read, all in the first us of a short tick
+      std::vector<RowRead> reads;
+      for (int32_t row = 0; terms.settings.aps_crosstalk > 0.0 && row < kHeight; row++) {
+        reads.push_back({row, 1 + row * static_cast<int32_t>(us) / kHeight});
+      }
+      const Tick tick{light.data(), t, us, {reads.data(), reads.size(), kWidth}};
+      EventBuffer events = sensor.step(arrays, tick, t, clamped);
       found.insert(found.end(), events.events.get(), events.events.get() + events.count);
       t += us;
     }
@@ -130,12 +138,14 @@ void pixels_survive_any_light() {
       [](Terms& t) { t.settings.highpass = 1e-6; },
       [](Terms& t) { t.settings.refractory = 300; },
       [](Terms& t) { t.settings.refractory = 60'000; },
+      [](Terms& t) { t.settings.refractory = 1, t.pattern.refractory = t.periods.data(); },
       [](Terms& t) { t.pattern.leak = t.leak.data(), t.pattern.hot = t.hot.data(); },
       [](Terms& t) {
         t.pattern.leak = t.pattern.parasitic = t.leak.data();
         t.pattern.phase = t.leak.data();
         t.settings.parasitic_slope = 1e-7;
       },
+      [](Terms& t) { t.settings.aps_crosstalk = 0.05; },
       [](Terms& t) { t.settings.shot.on = t.settings.shot.off = t.rate.data(); },
       [](Terms& t) {
         t.settings.noise_gain = t.settings.drift_gain = t.settings.least_gain = 0.1f;
