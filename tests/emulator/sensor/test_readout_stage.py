@@ -276,6 +276,11 @@ def test_a_dvxplorer_stamps_as_recordings_of_it_do() -> None:
     assert (intervals % 196 == 0).all()
     assert intervals.min() == 196
     assert len(np.unique(out["t"])) > 50_000
+    # pixels that are blind for two scans have no interval under two, but odd multiples
+    t = np.cumsum(generator.integers(400, 1500, 200))
+    out, _ = readout.step(make_events(t, [7] * 200, [9] * 200, t % 2), readout.init(0), 0, 400_000)
+    scans = np.diff(out["t"]) // 196
+    assert set(scans.tolist()) == {2, 3, 4, 5, 6, 7, 8}
 
 
 @pytest.mark.parametrize("drop", ["time", "row", "column"])

@@ -162,13 +162,22 @@ def test_presets_have_it_where_frames_are_on(name: str) -> None:
     small = {"width": 64, "height": 32}
     grey = np.full((32, 64), 0.5, np.float32)
 
-    def counted(sensor: SensorParameters) -> int:
-        model = PlainModel(replace(sensor, leak_rate_hz=5.0, **small), 1, causes=True)
+    def counted(sensor: SensorParameters, leak_hz: float) -> tuple[int, int]:
+        """Events of row reads and of leak in a second of still light, from 50 ms on."""
+        model = PlainModel(replace(sensor, leak_rate_hz=leak_hz, **small), 1, causes=True)
         state, found = model.init(0), []
-        for k in range(200):
+        for k in range(1000):
             events, state = model.step(grey, state, k * 1000, (k + 1) * 1000)
-            found.append(events)
-        return int((causes(joined(found)) == Cause.APS).sum())
+            found.append(causes(events))
+        late = np.concatenate(found[50:])
+        return int((late == Cause.APS).sum()), int((late == Cause.LEAK).sum())
 
-    assert counted(off) == 0
-    assert counted(on) > 100
+    # 195 leak events are expected at .1 Hz; all of them come at reads
+    assert counted(off, 0.1)[0] == 0
+    assert 100 < counted(off, 0.1)[1] < 300
+    reads, leaks = counted(on, 0.1)
+    assert 100 < reads < 300
+    assert leaks == 0
+    # at 5 Hz a reference sinks by .02 from a read to the next, and the read takes a part of that
+    reads, leaks = counted(on, 5.0)
+    assert 0.05 < reads / (reads + leaks) < 0.2
