@@ -6,7 +6,7 @@
     sensor/       light into events: pixels, noise, readout, presets, frames (APS), IMU
     evsnet/       light into events by a trained network
     camera/       one camera: lens, renderer, event model and packets together
-    simulation/   loops of worlds and cameras: World, EventCamera (Sensor), ClosedLoop
+    simulation/   loops of worlds and cameras: World, EventCamera (Sensor), Pixels, ClosedLoop
     state/        saved states
 
 base/ and config/ are what all of them share; core/ is the C++ below.
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from evs.emulator.camera.view import View
     from evs.emulator.simulation.closed_loop import ClosedLoop
     from evs.emulator.simulation.event_camera import EventCamera
+    from evs.emulator.simulation.pixels import Pixels
     from evs.emulator.simulation.virtual_camera import VirtualCamera
     from evs.emulator.simulation.world import World
     from evs.emulator.world import LeftOutWarning, UnstableError
@@ -38,6 +39,7 @@ _HOMES = {
     "LeftOutWarning": "evs.emulator.world:LeftOutWarning",
     "Loop": "evs.emulator.simulation.closed_loop:ClosedLoop",
     "Observation": "evs.msgs:Observation",
+    "Pixels": "evs.emulator.simulation.pixels:Pixels",
     "Sensor": "evs.emulator.simulation.event_camera:EventCamera",
     "UnstableError": "evs.emulator.world:UnstableError",
     "View": "evs.emulator.camera.view:View",
@@ -52,6 +54,7 @@ __all__ = [
     "LeftOutWarning",
     "Loop",
     "Observation",
+    "Pixels",
     "Sensor",
     "UnstableError",
     "View",

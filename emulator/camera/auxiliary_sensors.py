@@ -74,14 +74,33 @@ class AuxiliarySensors:
 
         return put
 
+    def clear(self) -> None:
+        """Forget what the last tick brought: nothing is exposed any more."""
+        self.frames, self.imu_packet = (), None
+
     def step(
-        self, luminance: F32, pose: CameraPose, world: MjModel, begin_us: int, end_us: int
+        self,
+        luminance: F32,
+        pose: CameraPose | None,
+        world: MjModel | None,
+        begin_us: int,
+        end_us: int,
     ) -> None:
-        """A tick. What runs only because [plan] forces it is computed and dropped."""
+        """A tick. What runs only because [plan] forces it is computed and dropped.
+
+        Args:
+            luminance: (h, w) float32, linear.
+            pose: Where the camera is; None: it is not known, and there are no IMU samples.
+            world: What it stands in; None: nothing known, as above.
+            begin_us: Where the tick begins, us.
+            end_us: Where it ends, us.
+        """
         if self._aps is not None and self._aps_state is not None:
             frames, self._aps_state = self._aps.step(luminance, self._aps_state, begin_us, end_us)
             if self._sensor.aps.enabled:
                 self.frames = tuple(later_frame(frame, self._start_us) for frame in frames)
+        if pose is None or world is None:
+            return
         if self._imu is not None and self._imu_state is not None:
             samples, self._imu_state = self._imu.step(
                 pose, gravity_of(world), self._imu_state, end_us

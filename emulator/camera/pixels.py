@@ -19,7 +19,7 @@ from evs.emulator.config import ModelConfig
 from evs.emulator.sensor import SensorParameters, make_readout
 from evs.emulator.sensor.readout import ReadoutState
 from evs.emulator.state import Saved, joined, number, numbers, part
-from evs.msgs import Events, EvsError
+from evs.msgs import EVENT_DTYPE, Events, EvsError, empty_events
 
 
 class DoneTick(NamedTuple):
@@ -153,6 +153,31 @@ class Pixels:
         begin_us, end_us = ticks[0]
         chunk, self._state = self._model.step_chunk(light, self._state, begin_us, end_us - begin_us)
         return [self._read_out(events, *tick) for events, tick in zip(chunk, ticks, strict=True)]
+
+    def drain(self, begin_us: int) -> DoneTick | None:
+        """Read out every event that waits, as if no pixel fired any more.
+
+        Args:
+            begin_us: Where the last tick ended, us.
+
+        Returns:
+            One tick until the readout is empty; None: nothing waits.
+
+        Raises:
+            EvsError: It takes longer than time can be counted.
+        """
+        found: list[Events] = []
+        now_us, tick_us = begin_us, 1000
+        while self.events_waiting:
+            done = self._read_out(empty_events(), now_us, now_us + tick_us)
+            found.append(done.events)
+            # a slow link may take hours
+            now_us, tick_us = done.end_us, 2 * tick_us
+        if not found:
+            return None
+        # as bytes: NumPy's copy of fields would lose the causes in the padding
+        joined = np.concatenate([events.view(np.uint8) for events in found]).view(EVENT_DTYPE)
+        return DoneTick(begin_us, now_us, joined)
 
     def _read_out(self, events: Events, begin_us: int, end_us: int) -> DoneTick:
         if self._readout is not None and self._read is not None:

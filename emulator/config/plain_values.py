@@ -7,12 +7,13 @@ import numbers
 import os
 import types
 import typing
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
 
-from evs.msgs import EvsError
+from evs.msgs import EvsError, unknown
 
 C = TypeVar("C")
 
@@ -32,6 +33,32 @@ def plain_config(config: C, table: str) -> C:
             wanted = _in_words(hints[field.name])
             raise EvsError(f"{table}.{field.name} is {value!r}; give {wanted}") from None
     return replace(config, **values)  # type: ignore[type-var]
+
+
+def with_keys(config: C, keys: Mapping[str, Any], table: str) -> C:
+    """A copy with some keys set; `plain_config` checks the values.
+
+    Args:
+        config: A dataclass of the configuration.
+        keys: key -> value. A key of a table inside is dotted, or the value is a dict of its keys.
+        table: Of `config`, for messages.
+
+    Raises:
+        EvsError: An unknown key; the message has the nearest ones.
+    """
+    for key, value in keys.items():
+        name, _, rest = key.partition(".")
+        known = [field.name for field in fields(config)]  # type: ignore[arg-type]
+        if name not in known:
+            raise unknown("key", f"{table}.{name}", [f"{table}.{each}" for each in known])
+        before = getattr(config, name)
+        if rest and not is_dataclass(before):
+            raise EvsError(f"{table}.{name} is no table: it has no key {rest}")
+        if is_dataclass(before) and (rest or isinstance(value, Mapping)):
+            inside = {rest: value} if rest else value
+            value = with_keys(before, inside, f"{table}.{name}")
+        config = replace(config, **{name: value})  # type: ignore[type-var]
+    return config
 
 
 def plain_integer(value: Any, name: str) -> int:

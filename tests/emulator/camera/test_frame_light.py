@@ -1,0 +1,138 @@
+"""The numbers of a frame into light: every unit, every dtype, and what is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from evs.emulator.camera.frame_light import UNITS, FrameLight, srgb_to_linear
+from evs.emulator.config import SensorConfig
+from evs.emulator.sensor import resolve_sensor
+from evs.msgs import EvsError
+
+SHAPE = (3, 5)
+SENSOR = resolve_sensor(SensorConfig(preset="davis346", exposure_dn=400.0))
+
+
+def light(frame: Any, unit: str = "auto") -> Any:
+    return np.array(FrameLight(SHAPE, unit, SENSOR).convert(frame))
+
+
+def by_the_standard(coded: Any) -> Any:
+    """IEC 61966-2-1, with a library's power."""
+    value = np.asarray(coded, np.float64)
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+def test_srgb_is_the_standards_to_the_last_bits() -> None:
+    coded = np.linspace(0.0, 1.0, 100_001)
+    assert np.abs(srgb_to_linear(coded) - by_the_standard(coded)).max() < 4e-16
+    assert srgb_to_linear(np.array([1.5, -0.2])).tolist() == [1.0, -0.2 / 12.92]
+    assert np.isnan(srgb_to_linear(np.array([np.nan])))
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float16, np.float32, np.float64])
+def test_every_unit_of_every_dtype(unit: str, dtype: Any) -> None:
+    whole = np.issubdtype(dtype, np.integer)
+    white = float(np.iinfo(dtype).max) if whole else 1.0
+    frame = np.linspace(0.1, 0.9, 15).reshape(SHAPE) * white
+    frame = frame.astype(dtype)
+    value = frame.astype(np.float64)
+    meant = unit if unit != "auto" else ("srgb" if whole else "luminance")
+    expected = {
+        "luminance": value / white,
+        "srgb": by_the_standard(value / white),
+        "dn": value / 400.0,
+        "lux": value / (SENSOR.white_lux / 255.0) / 400.0,
+    }[meant]
+    found = light(frame, unit)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, expected, rtol=3e-7)
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_colours_are_weighed_in_linear_light(dtype: Any, channels: int) -> None:
+    whole = np.issubdtype(dtype, np.integer)
+    white = np.iinfo(dtype).max if whole else 1.0
+    random = np.random.default_rng(0)
+    frame = (random.random((*SHAPE, channels)) * white).astype(dtype)
+    linear = by_the_standard(frame / white) if whole else frame.astype(np.float64)
+    expected = linear[..., :3] @ (0.2126, 0.7152, 0.0722)
+    np.testing.assert_allclose(light(frame), expected, rtol=1e-6)
+
+
+def test_grey_of_three_equal_channels_is_the_grey() -> None:
+    grey = np.arange(15, dtype=np.uint8).reshape(SHAPE) * 17
+    colour = np.repeat(grey[..., None], 3, axis=2)
+    np.testing.assert_allclose(light(colour), light(grey), rtol=2e-7)
+    assert light(grey[..., None]).tobytes() == light(grey).tobytes()
+
+
+def test_views_of_any_strides_are_read() -> None:
+    frame = np.random.default_rng(1).random((*SHAPE, 3)).astype(np.float32)
+    copy = np.ascontiguousarray(frame[::-1, :, ::-1])
+    assert light(frame[::-1, :, ::-1]).tobytes() == light(copy).tobytes()
+
+
+def test_what_is_no_light_stays_for_the_pixels_to_count() -> None:
+    frame = np.ones(SHAPE)
+    frame[0, :3] = np.nan, -1.0, np.inf
+    found = light(frame)
+    assert np.isnan(found[0, 0])
+    assert found[0, 1:3].tolist() == [-1.0, np.inf]
+
+
+class Tensor:
+    """Another library's array: DLPack and nothing else."""
+
+    def __init__(self, array: Any, device: int = 1) -> None:
+        self._array, self._device = array, device
+
+    def __dlpack__(self, **options: Any) -> Any:
+        return self._array.__dlpack__(**options)
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        return self._device, 0
+
+
+class Training(Tensor):
+    """One that needs a gradient, as PyTorch refuses it."""
+
+    def __dlpack__(self, **options: Any) -> Any:
+        raise BufferError("Can't export tensors that require gradient, use tensor.detach()")
+
+
+def test_arrays_of_other_libraries_are_read_by_dlpack() -> None:
+    frame = np.random.default_rng(2).random(SHAPE).astype(np.float32)
+    assert light(Tensor(frame)).tobytes() == light(frame).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("frame", "says"),
+    [
+        (np.zeros((3, 4)), r"frame is \(3, 4\).*3 x 5.*size="),
+        (np.zeros((5, 3)), r"frame is \(5, 3\)"),
+        (np.zeros((*SHAPE, 2)), r"\(3, 5, 2\)"),
+        (np.zeros((1, *SHAPE)), r"\(1, 3, 5\)"),
+        (np.zeros(SHAPE, np.int32), "dtype int32; give uint8, uint16 or a float"),
+        (np.zeros(SHAPE, bool), "dtype bool"),
+        (np.zeros(SHAPE, complex), "dtype complex128"),
+        ("frame.png", "frame is"),
+        (None, "frame is"),
+        (Tensor(np.zeros(SHAPE, np.float32), 2), r"another device.*tensor\.cpu\(\)"),
+        (Training(np.zeros(SHAPE, np.float32)), "require gradient"),
+    ],
+)
+def test_what_is_no_frame_is_refused_in_one_line(frame: Any, says: str) -> None:
+    with pytest.raises(EvsError, match=says) as caught:
+        light(frame)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_unit_lists_those_that_there_are() -> None:
+    with pytest.raises(EvsError, match="no unit of frames 'nits'; there is: "):
+        FrameLight(SHAPE, "nits", SENSOR)
