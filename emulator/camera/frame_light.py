@@ -135,6 +135,8 @@ class FrameLight:
                 f"the frame is {array.shape}; give (height, width), or with 3 or 4 channels, of "
                 f"{height} x {width}: set size=, or resize the frame"
             )
+        if not array.dtype.isnative:
+            array = array.astype(array.dtype.newbyteorder("="))
         if array.dtype in FULL_SCALE:
             self._look_up(array)
         elif array.dtype.kind == "f":

@@ -1,32 +1,67 @@
-"""`evs convert IN OUT`: a recording of one format into a file of another."""
+"""`evs convert IN OUT`: a recording into another format, or a film into events."""
 
 from __future__ import annotations
 
 import argparse
 import textwrap
 from collections.abc import Callable
+from pathlib import Path
 
-from evs.launch.support.options import add_single_option
+from evs.launch.support.options import add_pipeline_options, add_single_option, parse_pipeline
 from evs.launch.support.reinvoke import command
+from evs.msgs import EvsError
 
-HELP = "write a recording in another format: IN and OUT go by their endings"
+HELP = "write a recording in another format, or turn a film or a folder of frames into events"
 
 EPILOG = """\
 examples:
   evs convert run.aedat4 run.csv
   evs convert run.aedat4 run.aedat --events-only     drop frames and IMU, which .aedat cannot hold
   evs convert davis.aedat run.aedat4 --compression zstd
+  evs convert film.mp4 run.aedat4 --sensor davis346 sensor.pos_thres=0.3
+  evs convert frames/ run.aedat4 --fps 1000          PNG, JPEG, TIFF or EXR, in the order of names
 
-OUT appears when it is complete. If OUT cannot hold all data of IN, the command stops before it
-writes anything.
+OUT of a recording appears when it is complete. If OUT cannot hold all data of IN, the command stops
+before it writes anything. OUT of a film grows with it: after Ctrl-C it holds what was done, and
+OUT.report.json describes the run.
 
+Nothing is known of what moved between two frames of a film: each pixel's light goes in a straight
+line. --substeps makes the lines finer for slow pixels, and invents no motion. For that, give frames
+of an interpolator that follows motion, as a folder with --fps.
+
+keys of films: sensor.KEY and model.KEY as in `evs emulate`, name, and
+{film_keys}
 formats:
 """
+
+OPTIONS = {
+    "fps": ("film.fps", "HZ", "films: frames per second, not the film's own times"),
+    "slowdown": ("film.slowdown", "N", "films: they show the world N times slower than it was"),
+    "substeps": ("film.substeps", "N", "films: steps from frame to frame; invents no motion"),
+    "between": ("film.between", "LINE", "films: what goes straight in substeps: log or linear"),
+    "unit": ("film.unit", "UNIT", "films: auto, srgb, luminance, dn (as v2e) or lux"),
+    "fit": ("film.fit", "WAY", "films: crop, stretch or exact"),
+    "crop": ("film.crop", "X,Y,W,H", "films: the part to take, px"),
+    "sensor": ("sensor.preset", "NAME", "films: sensor preset"),
+    "model": ("model.name", "NAME", "films: event model"),
+    "seed": ("seed", "N", "films: random seed"),
+    "threads": ("threads", "N", "films: worker threads; 0: one per core"),
+}
+"""option -> (the key it is short for, placeholder, one line). Only films have them."""
+
+_RECORDINGS_ONLY = {"events_only": "--events-only", "single": "--single", "start": "--start"}
+
+
+STOPPED = {"interrupted": 130, "terminated": 143}
+"""how a run ended -> exit code, as shells count signals"""
+
+_STEPS = 1000
+"""of the progress bar"""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The command line of `evs convert`."""
-    parser.add_argument("source", metavar="IN", help="a recording")
+    parser.add_argument("source", metavar="IN", help="a recording, a film or a folder of frames")
     parser.add_argument(
         "target", metavar="OUT", help="the file to write; its ending selects the format"
     )
@@ -47,7 +82,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--start",
         choices=("shift", "keep"),
-        default="shift",
         help="if OUT cannot hold the stamps (Unix time): shift (default): start its clock at the "
         "first stamp and record the offset in its header; keep: stop with an error",
     )
@@ -56,22 +90,76 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quiet", action="store_true", help="print nothing but warnings and errors"
     )
-    parser.epilog = EPILOG + "\n".join(_formats())
+    add_pipeline_options(parser, OPTIONS, ("key=value", "keys of films, as sensor.pos_thres=0.3"))
+    parser.epilog = EPILOG.replace("{film_keys}", _film_keys()) + "\n".join(_formats())
 
 
 def run(args: argparse.Namespace) -> int:
     """Convert, and print a summary."""
-    from evs.drivers.files import convert, to_write
+    from evs.drivers.files import to_write
     from evs.drivers.files.paths import check_new
-    from evs.launch.support import terminal
+    from evs.drivers.films.source import is_film
 
     wanted = {"compression": args.compression, "encoding": args.encoding}
     options = {key: value for key, value in wanted.items() if value is not None}
-    steps = 1000
     to_write(args.target, args.format)
     if not args.force:
         check_new([args.target])
-    with terminal.bar("converting", steps, args.quiet) as moved:
+    stray, overrides = parse_pipeline(args, OPTIONS)
+    if stray is not None:
+        raise EvsError(f"'{stray}' is not key=value, as in sensor.pos_thres=0.3")
+    if is_film(args.source):
+        return _film(args, options, overrides)
+    if overrides:
+        raise EvsError(
+            f"{overrides[0][0]} is for films and folders of frames; '{args.source}' is a recording"
+        )
+    return _recording(args, options)
+
+
+def _film(
+    args: argparse.Namespace, options: dict[str, str], overrides: list[tuple[str, str]]
+) -> int:
+    """Turn a film into events."""
+    from evs.drivers.files import recorder_for, to_write
+    from evs.drivers.films.config import load_film_config
+    from evs.drivers.films.run import check_holds, emulate_film
+    from evs.drivers.run.report import check_targets, report_beside
+    from evs.launch.support import terminal
+    from evs.launch.support.report_writer import ReportWriter
+
+    for attribute, option in _RECORDINGS_ONLY.items():
+        if getattr(args, attribute):
+            raise EvsError(f"{option} is for recordings; '{args.source}' is a film")
+    config = load_film_config(overrides)
+    kind = to_write(args.target, args.format)
+    check_holds(config, args.target, kind)
+    report_file = report_beside(args.target)
+    check_targets([report_file])
+    sink = recorder_for(args.target, kind=kind.name, **options)
+    write_reports = ReportWriter([report_file])
+    with terminal.bar("converting", _STEPS, args.quiet) as moved:
+        report = emulate_film(
+            args.source,
+            [sink],
+            config,
+            progress=_step_by_step(moved, _STEPS),
+            warn=terminal.warn,
+            on_report=write_reports,
+        )
+    view = str(Path(args.target).with_suffix(".gif"))
+    next_commands = [command("info", args.target), command("view", args.target, "-o", view)]
+    terminal.summary(report, args.quiet, next_commands)
+    stopped = any(sink.get("error") for sink in report.sinks)
+    return STOPPED.get(report.ended.split()[0], 2 if stopped or write_reports.failures else 0)
+
+
+def _recording(args: argparse.Namespace, options: dict[str, str]) -> int:
+    """Write a recording in another format."""
+    from evs.drivers.files import convert
+    from evs.launch.support import terminal
+
+    with terminal.bar("converting", _STEPS, args.quiet) as moved:
         done = convert(
             args.source,
             args.target,
@@ -79,7 +167,7 @@ def run(args: argparse.Namespace) -> int:
             events_only=args.events_only,
             single=args.single,
             keep_start=args.start == "keep",
-            progress=_step_by_step(moved, steps),
+            progress=_step_by_step(moved, _STEPS),
             **options,
         )
     if args.quiet:
@@ -110,6 +198,19 @@ def _step_by_step(moved: Callable[[int, str], None], steps: int) -> Callable[[fl
             shown = step
 
     return move
+
+
+def _film_keys() -> str:
+    """The keys of [film], a line or two each."""
+    from evs.drivers.films.config import FilmConfig
+    from evs.drivers.run.config_keys import describe
+
+    (table,) = describe(FilmConfig)
+    lines = []
+    for key in table.keys:
+        lines.append(f"  film.{key.name}={key.default}")
+        lines += textwrap.wrap(key.doc, 92, initial_indent=" " * 6, subsequent_indent=" " * 6)
+    return "\n".join(lines) + "\n"
 
 
 def _formats() -> list[str]:

@@ -27,6 +27,7 @@ DOORS = {
     "zstandard": ("drivers/files/aedat4/",),
     "PIL": ("drivers/pictures/",),
     "imageio_ffmpeg": ("drivers/pictures/",),
+    "av": ("drivers/films/decoder.py",),
     "rich": ("launch/support/terminal.py",),
     "rerun": ("drivers/viewer/viewer.py",),
     "pyrender": ("emulator/render/raster/",),

@@ -78,6 +78,14 @@ def test_views_of_any_strides_are_read() -> None:
     assert light(frame[::-1, :, ::-1]).tobytes() == light(copy).tobytes()
 
 
+@pytest.mark.parametrize("dtype", [">u2", ">f4", "<u2", "<f8"])
+def test_the_order_of_bytes_makes_no_difference(dtype: str) -> None:
+    frame = np.linspace(0.1, 0.9, 15).reshape(SHAPE) * (60_000 if "u" in dtype else 1)
+    frame = frame.astype(dtype)
+    native = frame.astype(frame.dtype.newbyteorder("="))
+    assert light(frame).tobytes() == light(native).tobytes()
+
+
 def test_what_is_no_light_stays_for_the_pixels_to_count() -> None:
     frame = np.ones(SHAPE)
     frame[0, :3] = np.nan, -1.0, np.inf
