@@ -163,7 +163,7 @@ class Decoder:
         """How colours are converted: the same bytes on every processor."""
         how = self._av.video.reformatter.Interpolation
         return int(
-            how.BICUBIC | how.ACCURATE_RND | how.BITEXACT | how.FULL_CHR_H_INT | how.FULL_CHR_H_INP
+            how.BILINEAR | how.ACCURATE_RND | how.BITEXACT | how.FULL_CHR_H_INT | how.FULL_CHR_H_INP
         )
 
     def _error(self, reason: Exception, where: str = "") -> EvsError:

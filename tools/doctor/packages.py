@@ -25,7 +25,7 @@ CORE = (
 EXTRAS = {
     "raster": ("pyrender2",),
     "gym": ("gymnasium",),
-    "video": ("imageio-ffmpeg",),
+    "video": ("imageio-ffmpeg", "av"),
     "train": ("jax", "optax"),
     "view": ("rerun-sdk",),
     "formats": ("h5py", "hdf5plugin"),
@@ -37,7 +37,7 @@ EXTRAS = {
 USES = {
     "raster": "the raster renderer",
     "gym": "evs.drivers.gym and evs demo",
-    "video": ".mp4 films",
+    "video": ".mp4 films, films and frames in evs convert",
     "train": "evs train fit",
     "view": "Rerun's viewer and .rrd files",
     "formats": ".h5 recordings",
