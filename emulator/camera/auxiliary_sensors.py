@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from evs.emulator.base.features import Switches
 from evs.emulator.base.scene import F32, CameraPose
@@ -10,8 +11,10 @@ from evs.emulator.base.stamps import later_frame, later_imu
 from evs.emulator.sensor import Aps, Imu, SensorParameters
 from evs.emulator.sensor.imu import ImuState
 from evs.emulator.state import Saved, joined, number, numbers, part
-from evs.emulator.world import MjModel, gravity_of
 from evs.msgs import Frame, ImuPacket
+
+if TYPE_CHECKING:
+    from evs.emulator.world import MjModel
 
 
 class AuxiliarySensors:
@@ -102,6 +105,9 @@ class AuxiliarySensors:
         if pose is None or world is None:
             return
         if self._imu is not None and self._imu_state is not None:
+            # here, since frames of other simulators need no MuJoCo
+            from evs.emulator.world import gravity_of
+
             samples, self._imu_state = self._imu.step(
                 pose, gravity_of(world), self._imu_state, end_us
             )

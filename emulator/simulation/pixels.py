@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from evs import __version__
 from evs.emulator.base.features import UNFORCED
 from evs.emulator.base.scene import F32
 from evs.emulator.camera import pixels as stages
@@ -26,7 +27,6 @@ from evs.emulator.state import (
     whole,
     words,
 )
-from evs.emulator.state.versions import versions
 from evs.msgs import (
     EventPacket,
     Events,
@@ -38,6 +38,9 @@ from evs.msgs import (
     empty_events,
     take_labels,
 )
+
+VERSIONS = {"evs": __version__, "numpy": np.__version__}
+"""of what shapes the events; MuJoCo does not"""
 
 LATEST_US = 2**52
 """142 years: no stamp of a frame is later"""
@@ -140,7 +143,7 @@ class Pixels:
             sensor=str(resolved.name),
             tick_us=tick_us,
             seed=self._seed,
-            versions={**versions(), **self._stages.versions},
+            versions={**VERSIONS, **self._stages.versions},
             config={
                 "sensor": completed(asdict(config), resolved),
                 "model": asdict(self._model),
@@ -317,7 +320,7 @@ class Pixels:
         config = self._info.config
         return {
             "kind": "pixels",
-            "versions": {"evs": versions()["evs"], **self._stages.versions},
+            "versions": {"evs": __version__, **self._stages.versions},
             **{key: config[key] for key in ("sensor", "model", "frames", "name")},
         }
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 HEAVY = {
-    *("mujoco", "onnxruntime", "pyrender", "gymnasium", "imageio_ffmpeg", "PIL", "zmq"),
+    *("mujoco", "onnxruntime", "pyrender", "gymnasium", "imageio_ffmpeg", "av", "PIL", "zmq"),
     *("flatbuffers", "lz4", "zstandard", "scipy", "hypothesis", "pytest"),
 }
 

@@ -11,7 +11,9 @@ many frames in H.264: starting, decoding, events, and the recording on disk.
 from __future__ import annotations
 
 import json
+import os
 import subprocess
+import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -38,7 +40,8 @@ MISSING = (
 PEER_V2E, PEER_EVENTCV = "v2e, from arrays", "eventcv, from arrays"
 OURS, OURS_DN = "evs.Pixels, from arrays", "evs.Pixels, from arrays, unit dn"
 WHOLE = "evs convert, from the film to a file, unit dn"
-ROUNDS = 9
+PROGRAM_V2E, PROGRAM = "v2e --disable_slomo", "evs convert"
+ROUNDS, PROGRAM_ROUNDS = 9, 3
 REPEATS = 10
 """of the film that `evs convert` gets"""
 SIZES = {"346x260": (346, 260, 60), "1280x720": (1280, 720, 20)}
@@ -61,7 +64,7 @@ class V2e:
         np.save(folder / "frames.npy", frames)
         options = {"pos_thres": 0.2, "neg_thres": 0.2, **NOISE}
         (folder / "options.json").write_text(json.dumps(options))
-        words = [V2E, PEER, folder / "frames.npy", folder / "options.json"]
+        words = [V2E, PEER, "frames", folder / "frames.npy", folder / "options.json"]
         self._process = subprocess.Popen(
             [str(word) for word in words],
             stdin=subprocess.PIPE,
@@ -112,20 +115,47 @@ def pixels_of(frames: Any, unit: str) -> Callable[[], int]:
     return run
 
 
-def converter(folder: Path, frames: Any) -> Callable[[], int]:
-    """The whole command; how many bytes it wrote."""
+def converter_words(folder: Path, frames: Any) -> list[str]:
+    """Make the film, and return the arguments of evs that convert it."""
     turns = [frames[1:-1], frames[::-1]] * (REPEATS // 2)
     source = ffmpeg(folder / "film.mp4", np.concatenate(turns), 1000, "-c:v", "libx264")
-    target_file = folder / "run.aedat4"
     height, width = frames.shape[1:]
     keys = {"log": "linlog", "linlog_dn": 20.0, "pos_thres": 0.2, "neg_thres": 0.2, **NOISE}
-    words = [f"sensor.{key}={value}" for key, value in keys.items()]
+    words = ["convert", str(source), str(folder / "run.aedat4")]
+    words += [f"sensor.{key}={value}" for key, value in keys.items()]
     words += ["--sensor", "ideal", f"sensor.width={width}", f"sensor.height={height}"]
-    words += ["--unit", "dn", "--threads", "1", "--quiet", "--force"]
+    return [*words, "--unit", "dn", "--threads", "1", "--quiet", "--force"]
+
+
+def converter(folder: Path, frames: Any) -> Callable[[], int]:
+    """The whole command in this process; how many bytes it wrote."""
+    words = converter_words(folder, frames)
 
     def run() -> int:
-        assert main(["convert", str(source), str(target_file), *words]) == 0
-        return target_file.stat().st_size
+        assert main(words) == 0
+        return (folder / "run.aedat4").stat().st_size
+
+    return run
+
+
+def program_of_v2e(folder: Path) -> Callable[[], object]:
+    """The whole of v2e on the film of `converter`; AbsentError where it is missing."""
+    if not V2E.exists():
+        raise AbsentError(MISSING)
+    options = {"pos_thres": 0.2, "neg_thres": 0.2, **NOISE}
+    options["refractory_period"] = options.pop("refractory_period_s")
+    words = [str(V2E), str(PEER), "program", "-i", str(folder / "film.mp4")]
+    words += ["-o", str(folder / "v2e"), "--overwrite", "--disable_slomo"]
+    words += ["--input_frame_rate", "1000", "--auto_timestamp_resolution", "False"]
+    words += ["--timestamp_resolution", "0.001", "--dvs_exposure", "source", "--no_preview"]
+    words += ["--output_width", "346", "--output_height", "260", "--skip_video_output"]
+    words += ["--dvs_aedat4", "v2e.aedat4", "--dvs_aedat2", "None", "--dvs_text", "None"]
+    words += [word for key, value in options.items() for word in (f"--{key}", str(value))]
+    one_core = {**os.environ, "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+    def run() -> None:
+        subprocess.run(words, env=one_core, capture_output=True, check=True)
+        assert (folder / "v2e/v2e.aedat4").stat().st_size > 0
 
     return run
 
@@ -174,3 +204,28 @@ def test_a_frame_of_a_film_beside_v2e_and_eventcv(tmp_path: Path) -> None:
             ratio = times[PEER_V2E].median / times[OURS_DN].median
             print(target(f"{OURS_DN}, {size}", ratio, 10, "x"))
         assert times[OURS].median > 0
+
+
+@pytest.mark.bench
+def test_a_whole_film_beside_v2e(tmp_path: Path) -> None:
+    """Program beside program, from one film in H.264 to an AEDAT4 file, starting included."""
+    width, height, frames = SIZES["346x260"]
+    convert_words = converter_words(tmp_path, coded(width, height, frames))
+    ours = [sys.executable, "-m", "evs.launch.main", *convert_words]
+
+    def convert() -> None:
+        subprocess.run(ours, capture_output=True, check=True)
+
+    calls: dict[str, Callable[[], object]] = {PROGRAM: convert}
+    try:
+        calls[PROGRAM_V2E] = program_of_v2e(tmp_path)
+    except AbsentError as absent:
+        print(absent)
+    taken = milliseconds(calls, PROGRAM_ROUNDS)
+    count = REPEATS * (frames - 1)
+    for name, time in taken.items():
+        print(f"{name}, {count} frames of {width} x {height}: {time} ms")
+    if PROGRAM_V2E in taken:
+        ratio = taken[PROGRAM_V2E].median / taken[PROGRAM].median
+        print(target(PROGRAM, ratio, 10, "x"))
+    assert taken[PROGRAM].median > 0

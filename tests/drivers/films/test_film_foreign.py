@@ -233,3 +233,29 @@ def test_every_format_is_written(tmp_path: Path, one: Any) -> None:
     assert same(found, convert(film, tmp_path / "again.npz"))
     assert Path(f"{target}.report.json").exists()
     assert one.suffixes[0] in endings()
+
+
+def test_threads_and_the_time_of_day_change_no_byte(tmp_path: Path) -> None:
+    film = lossless(tmp_path / "film.mkv", texture(8), 100)
+    one = convert(film, tmp_path / "1.npz", "--threads", "1", "seed=5")
+    two = convert(film, tmp_path / "2.npz", "--threads", "2", "seed=5")
+    assert one.tobytes() == two.tobytes()
+    assert len(one) > 300
+
+
+def test_frames_and_labels_beside_the_events(tmp_path: Path) -> None:
+    film = lossless(tmp_path / "film.mkv", texture(20), 100)
+    keys = ["sensor.aps.enabled=true", "model.labels=true", "--sensor", "davis346"]
+    found = convert(film, tmp_path / "run.npz", *keys)
+    assert len(found.frames) >= 3
+    assert found.frames[0].pixels.shape == (48, 64)
+    assert found.labels is not None
+    assert len(found.labels) == len(found) > 300
+    assert np.all(found.labels["geom_id"] == -1)
+
+
+def test_one_frame_is_a_reference_and_no_event(tmp_path: Path) -> None:
+    film = lossless(tmp_path / "film.mkv", texture(1), 100)
+    found = convert(film, tmp_path / "run.aedat4")
+    assert len(found) == 0
+    assert (found.stream.width, found.stream.height) == SIZE

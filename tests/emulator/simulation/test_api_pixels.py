@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from typing import Any
 
 import mujoco
@@ -341,3 +343,26 @@ def test_ids_are_for_labels_and_of_the_frames_size() -> None:
     for ids in (np.zeros((48, 63), int), np.zeros((48, 64))):
         with pytest.raises(EvsError, match="whole numbers"):
             labelled.observe(light, 0, ids)
+
+
+def test_a_gap_that_no_pixel_can_bridge_is_one_line() -> None:
+    light, pixels = film(2), evs.Pixels("ideal", SMALL)
+    pixels.observe(light[0], 0)
+    with pytest.raises(EvsError, match="use shorter ones"):
+        pixels.observe(light[1], 10**9)
+    # four minutes are possible
+    assert len(pixels.observe(light[1], 240_000_000)) > 0
+
+
+def test_neither_mujoco_nor_a_renderer_is_loaded() -> None:
+    """Another simulator may have pinned them, or have none."""
+    program = (
+        "import sys\nsys.modules['mujoco'] = None\nimport evs, numpy as np\n"
+        "pixels = evs.Pixels('davis346', (8, 6), **{'aps.enabled': True})\n"
+        "for k in range(3): pixels.observe(np.full((6, 8), 0.1 + k), 1000 * k)\n"
+        "assert len(pixels.packet.events) > 0\n"
+        "print(*(name for name in sys.modules if name.startswith('evs.emulator.render.')))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["evs.emulator.render.registry"]

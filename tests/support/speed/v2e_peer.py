@@ -1,14 +1,15 @@
-"""v2e's emulator as a program of its own: `FRAMES.npy OPTIONS.json` (MIT, in a venv of its own).
+"""v2e as a program of its own (MIT, in a venv of its own): `frames FRAMES.npy OPTIONS.json`.
 
 Each line on stdin requests the film once more, onwards and back in turns, as a camera goes on; the
 answer is a line with the number of events. There is no interpolation: that is `--disable_slomo`.
-Imports nothing of ours.
+`program ARGUMENTS...` is the whole of v2e instead. Imports nothing of ours.
 """
 
 from __future__ import annotations
 
 import json
 import logging
+import runpy
 import sys
 import types
 from pathlib import Path
@@ -27,19 +28,26 @@ def without_windows() -> None:
             sys.modules[name] = module
 
 
-def main() -> None:
-    without_windows()
+def program(arguments: list[str]) -> None:
+    """Run v2e's own program, as its user does."""
+    script = Path(sys.executable).with_name("v2e.py")
+    sys.argv = [str(script), *arguments]
+    runpy.run_path(str(script), run_name="__main__")
+
+
+def frames(film: str, options_file: str) -> None:
+    """Emulate the frames of a file, once for each line on stdin."""
     import torch
     from v2ecore.emulator import EventEmulator
 
     logging.disable(logging.CRITICAL)
     torch.set_num_threads(1)
-    frames = np.load(sys.argv[1])
-    options = json.loads(Path(sys.argv[2]).read_text())
+    shown = np.load(film)
+    options = json.loads(Path(options_file).read_text())
     emulator = EventEmulator(device="cpu", **options)
     now_ms = 0
-    emulator.generate_events(frames[0], 0.0)
-    onwards, back = list(frames[1:]), list(frames[-2::-1])
+    emulator.generate_events(shown[0], 0.0)
+    onwards, back = list(shown[1:]), list(shown[-2::-1])
     print("ready", flush=True)
     for _ in sys.stdin:
         events = 0
@@ -52,4 +60,8 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    without_windows()
+    if sys.argv[1] == "program":
+        program(sys.argv[2:])
+    else:
+        frames(*sys.argv[2:])
