@@ -1,7 +1,8 @@
 """Settings: TOML and `dotted.key=value` into frozen dataclasses, with the path to a bad value.
 
 Generic: knows nothing of cameras. A class maps to a table, a field to a key, a field of type
-tuple[SomeDataclass, ...] to an array of tables. A field's documentation is the string below it.
+tuple[SomeDataclass, ...] to an array of tables, a field of type Mapping[str, str] to a table whose
+keys are free, dotted where it has tables inside. A field's documentation is the string below it.
 """
 
 from __future__ import annotations
@@ -97,6 +98,8 @@ def to_plain(config: Any) -> Any:
     """Plain values (dict, list, str, int, float, bool, None) of a configuration, ready for JSON."""
     if dataclasses.is_dataclass(config) and not isinstance(config, type):
         return {f.name: to_plain(getattr(config, f.name)) for f in dataclasses.fields(config)}
+    if isinstance(config, Mapping):
+        return {key: to_plain(value) for key, value in config.items()}
     if isinstance(config, (tuple, list)):
         return [to_plain(item) for item in config]
     return config
@@ -134,6 +137,13 @@ def _convert(value: Any, annotation: Any, path: str, root: type) -> Any:
         return tuple(_build(inner, item, f"{path}.{i}", root) for i, item in enumerate(value))
     if inner is not None:
         return _build(inner, value, path, root)
+    if _is_free_table(annotation):
+        return dict(_free_keys(value, path))
+    return _convert_value(value, annotation, path, root)
+
+
+def _convert_value(value: Any, annotation: Any, path: str, root: type) -> Any:
+    """The same for what is no table."""
     kinds = _kinds(annotation)
     if value is None and type(None) in kinds:
         return None
@@ -160,7 +170,10 @@ def _override(config: Any, parts: list[str], text: str, path: str, root: type) -
     if name not in hints:
         raise _unknown_key(".".join([inside, *rest]), root)
     inner, many = _table_of(hints[name])
-    if inner is None:
+    value: Any
+    if _is_free_table(hints[name]):
+        value = _override_free(getattr(config, name), ".".join(rest), text, inside)
+    elif inner is None:
         if rest:
             raise _unknown_key(".".join([inside, *rest]), root)
         value = _convert(_read_text(text, hints[name]), hints[name], inside, root)
@@ -173,6 +186,28 @@ def _override(config: Any, parts: list[str], text: str, path: str, root: type) -
     else:
         value = _override(getattr(config, name), rest, text, inside, root)
     return dataclasses.replace(config, **{name: value})
+
+
+def _override_free(table: Mapping[str, str], key: str, text: str, path: str) -> dict[str, str]:
+    """A table of free keys with one set, or without it where the text is `none`."""
+    if not key:
+        raise EvsError(f"at {path}: is a table; set one of its keys, as in {path}.KEY=")
+    others = {name: value for name, value in table.items() if name != key}
+    value = _read_text(text, str | None)
+    return others if value is None else {**others, key: value}
+
+
+def _free_keys(table: Any, path: str, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Dotted key and text of a table of free keys."""
+    if not isinstance(table, Mapping):
+        raise EvsError(f"at {path}: expected a table, got {_shown(table)}")
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _free_keys(value, path, f"{prefix}{key}.")
+        elif isinstance(value, str):
+            yield prefix + key, value
+        else:
+            raise EvsError(f"at {path}.{prefix}{key}: expected a string, got {_shown(value)}")
 
 
 def _override_item(
@@ -241,6 +276,11 @@ def _table_of(annotation: Any) -> tuple[type | None, bool]:
     if typing.get_origin(annotation) is tuple and len(arguments) == 2 and arguments[1] is ...:
         return _table_of(arguments[0])[0], True
     return None, False
+
+
+def _is_free_table(annotation: Any) -> bool:
+    """Whether the annotation is Mapping[str, str], a table of free keys."""
+    return typing.get_origin(annotation) is Mapping
 
 
 def _kinds(annotation: Any) -> tuple[Any, ...]:

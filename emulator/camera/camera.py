@@ -22,7 +22,8 @@ from evs.emulator.camera.camera_plan import (
 )
 from evs.emulator.camera.pixels import DoneTick, Pixels
 from evs.emulator.camera.scene_plan import ScenePlan, is_unlit, plan_scene
-from evs.emulator.config import SceneConfig
+from evs.emulator.config import SceneConfig, SensorConfig
+from evs.emulator.config.plain_values import plain_config
 from evs.emulator.optics import camera_info
 from evs.emulator.optics.camera_info import pose_message
 from evs.emulator.render import flicker_warnings
@@ -142,16 +143,80 @@ class Camera:
             triggers=sensor.aps.enabled,
             latency_us=self._pixels.latency_us,
         )
-        self.reset()
+        self._forget()
 
-    def reset(self, seed: int | None = None) -> None:
+    def reset(self, seed: int | None = None, sensor: SensorConfig | None = None) -> None:
         """Forget everything seen.
 
         Args:
             seed: Another one from now on, as if the camera were made with it.
+            sensor: Another one of the same size from now on, as if the camera were made with it.
+
+        Raises:
+            EvsError: The sensor makes no sense, or has another size, or other frames or IMU;
+                nothing has changed.
         """
-        if seed is not None:
-            self._reseed(seed)
+        self.resetting(seed, sensor)()
+
+    def resetting(
+        self, seed: int | None = None, sensor: SensorConfig | None = None
+    ) -> Callable[[], None]:
+        """Check a reset; the function that is returned does it.
+
+        Args:
+            seed: As of `reset`.
+            sensor: As of `reset`.
+
+        Raises:
+            EvsError: As of `reset`.
+        """
+        exchange = None
+        if sensor is not None and sensor != self._plan.sensor:
+            exchange = self._exchanging(sensor, self._plan.seed if seed is None else seed)
+
+        def put() -> None:
+            if exchange is not None:
+                exchange()
+            if seed is not None:
+                self._reseed(seed)
+            self._forget()
+
+        return put
+
+    def _exchanging(self, sensor: SensorConfig, seed: int) -> Callable[[], None]:
+        """Make everything that depends on the sensor, which is not the light."""
+        plan = replace(self._plan, sensor=plain_config(sensor, "sensor"))
+        made = resolve_sensor(plan.sensor)
+        if (made.width, made.height) != self._size:
+            size = f"{self._size[0]} x {self._size[1]}"
+            raise EvsError(
+                f"a sensor of {made.width} x {made.height} px for a camera of {size}: make another "
+                "camera"
+            )
+        for stream in ("aps", "imu"):
+            if getattr(made, stream).enabled != getattr(self.sensor, stream).enabled:
+                raise EvsError(
+                    f"sensor.{stream}.enabled would change in a reset; leave it, or make another "
+                    "camera"
+                )
+        settings = (seed, plan.threads, plan.render.noisy_samples)
+        pixels = Pixels(made, plan.model, *settings, plan.switches, plan.render.isa)
+        auxiliary = AuxiliarySensors(made, self.name, plan.switches, self._start_us)
+
+        def put() -> None:
+            self._plan, self.sensor, self._pixels, self._auxiliary = plan, made, pixels, auxiliary
+            self._marks_causes = pixels.features.get("causes", False)
+            self._info = replace(
+                self._info,
+                sensor=str(made.name),
+                config={**self._info.config, "sensor": completed(asdict(plan.sensor), made)},
+                latency_us=pixels.latency_us,
+            )
+
+        return put
+
+    def _forget(self) -> None:
+        """Forget everything seen."""
         seed = self._plan.seed
         self._pixels.reset(seed)
         self._auxiliary.reset(seed)

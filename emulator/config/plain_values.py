@@ -9,6 +9,7 @@ import types
 import typing
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
+from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -23,7 +24,8 @@ def plain_config(config: C, table: str) -> C:
 
     Raises EvsError with the key where a value is not of its field's type, or not finite.
     """
-    hints = typing.get_type_hints(type(config))
+    kind: type = type(config)
+    hints = _hints_of(kind)
     values = {}
     for field in fields(config):  # type: ignore[arg-type]
         value = getattr(config, field.name)
@@ -59,6 +61,12 @@ def with_keys(config: C, keys: Mapping[str, Any], table: str) -> C:
             value = with_keys(before, inside, f"{table}.{name}")
         config = replace(config, **{name: value})  # type: ignore[type-var]
     return config
+
+
+@cache
+def _hints_of(kind: type) -> dict[str, Any]:
+    """The types of a class's fields; finding them takes longer than all else here."""
+    return typing.get_type_hints(kind)
 
 
 def plain_integer(value: Any, name: str) -> int:

@@ -161,6 +161,7 @@ class ClosedLoop:
         keyframe: str = "",
         state: bool = False,
         start: Callable[[MjData], None] | None = None,
+        sensor: SensorConfig | None = None,
     ) -> Observation:
         """Begin an episode.
 
@@ -169,14 +170,15 @@ class ClosedLoop:
             keyframe: Name or number of the keyframe to start from; "" is as the world was made.
             state: Whether observations of this episode carry the state of the physics.
             start: Puts the MjData into another state before the first observation.
+            sensor: Another sensor for every camera, as of World.reset; None keeps the last.
 
         Returns:
             What is known before the first tick: the encoders, and no event.
 
         Raises:
-            EvsError: No such keyframe.
+            EvsError: No such keyframe, or a sensor that no camera can have.
         """
-        self.world.reset(seed, keyframe)
+        self.world.reset(seed, keyframe, sensor)
         # not begun, should `start` raise
         self._done = None
         if start is not None:

@@ -11,6 +11,7 @@ from evs.emulator.base.scene import F32, GroundTruth
 from evs.emulator.camera.camera import Camera
 from evs.emulator.camera.camera_plan import plan_camera
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
+from evs.emulator.config.plain_values import plain_integer
 from evs.emulator.simulation.snapshot_history import SnapshotHistory
 from evs.emulator.state import (
     Saved,
@@ -164,14 +165,22 @@ class EventCamera:
         self._history.keep(snapshot)
         return self._packet.events
 
-    def reset(self) -> None:
+    def reset(self, seed: int | None = None, sensor: SensorConfig | None = None) -> None:
         """As new: call it after the data was reset. The next observe sets the reference again.
 
         That observe also compares what every one would take too long for: vertices of meshes,
         heights, texels, skins and flexes.
+
+        Args:
+            seed: All noise follows from it from now on; None keeps the last.
+            sensor: Another sensor of the same size from now on, as in evs.randomise_sensor; None
+                keeps the last.
+
+        Raises:
+            EvsError: The sensor makes no sense, or has another size; nothing has changed.
         """
+        self._camera.reset(None if seed is None else plain_integer(seed, "seed"), sensor)
         self._scene.compare_large_arrays()
-        self._camera.reset()
         self._history.reset()
         self._packet, self._t_us = None, None
 

@@ -81,9 +81,11 @@ class VirtualCamera:
         (packet,) = self.world.step(ctrl)
         return packet
 
-    def reset(self, seed: int | None = None, keyframe: str = "") -> None:
+    def reset(
+        self, seed: int | None = None, keyframe: str = "", sensor: SensorConfig | None = None
+    ) -> None:
         """Back to the beginning; see World.reset."""
-        self.world.reset(seed, keyframe)
+        self.world.reset(seed, keyframe, sensor)
 
     def save(self, compress: bool = False) -> bytes:
         """Everything that the next tick follows from; see World.save."""

@@ -380,7 +380,9 @@ class World:
         self._meter.lap("world")
         return snapshot
 
-    def reset(self, seed: int | None = None, keyframe: str = "") -> None:
+    def reset(
+        self, seed: int | None = None, keyframe: str = "", sensor: SensorConfig | None = None
+    ) -> None:
         """Go back to the beginning: time, physics, pixels and counters.
 
         Until the next step `world.data` may be put into any state again.
@@ -390,15 +392,22 @@ class World:
                 None keeps the last one.
             keyframe: Name or number of the keyframe to start from; "" is as the world was made,
                 "none" the model's own qpos0.
+            sensor: Another sensor for every camera, as in evs.randomise_sensor; the size and the
+                scene stay, so this is quicker than another world. None keeps the last.
 
         Raises:
-            EvsError: No such keyframe; nothing has changed.
+            EvsError: No such keyframe, or a sensor that no camera can have; nothing has changed.
         """
         start = self._control.keyframe
         if keyframe != "":
             start = starting_keyframe(self.model, str(keyframe))
         if seed is not None:
             seed = plain_integer(seed, "seed")
+        cameras = [
+            camera.resetting(None if seed is None else seed + place, sensor)
+            for place, camera in enumerate(self._cameras)
+        ]
+        if seed is not None:
             # a control seed of its own keeps its distance
             self._control.reseed(self._control.seed + seed - self._seed)
             self._seed = seed
@@ -406,8 +415,8 @@ class World:
         self._scene.compare_large_arrays()
         self._history.reset()
         self._physics.reset(start)
-        for place, camera in enumerate(self._cameras):
-            camera.reset(None if seed is None else seed + place)
+        for reset in cameras:
+            reset()
         for view in self._views:
             view.reset(seed)
 

@@ -26,6 +26,7 @@ class SeededLoop(Loop, ABC):
         keyframe: str = "",
         state: bool = False,
         start: Callable[[MjData], None] | None = None,
+        sensor: SensorConfig | None = None,
     ) -> Observation:
         """Reset as Loop does; without `start`, the seed draws one.
 
@@ -34,13 +35,14 @@ class SeededLoop(Loop, ABC):
             keyframe: keyframe of the model to start from.
             state: whether the observation holds the full state.
             start: sets the state in place of the drawn one.
+            sensor: another sensor for every camera.
 
         Returns:
             The first observation.
         """
         seed = seed or 0
         drawn = self._draw_start(np.random.default_rng(seed % 2**64))
-        return super().reset(seed, keyframe, state, start or drawn)
+        return super().reset(seed, keyframe, state, start or drawn, sensor)
 
     @abstractmethod
     def _draw_start(self, random: np.random.Generator) -> Callable[[MjData], None]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import types
 import typing
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -42,6 +43,14 @@ class Root:
 
     leaf: Leaf = field(default_factory=Leaf)
     item: tuple[Leaf, ...] = ()
+    top: int = 1
+
+
+@dataclass(frozen=True)
+class Free:
+    """A table whose keys are free."""
+
+    ranges: Mapping[str, str] = field(default_factory=dict)
     top: int = 1
 
 
@@ -300,3 +309,26 @@ def test_any_text_for_any_key_gives_a_value_of_its_type_or_one_line(data: st.Dat
         kinds = typing.get_args(annotation) if is_union(annotation) else ()
         allowed = [typing.get_origin(kind) or kind for kind in kinds or (annotation,)]
         assert type(value) in allowed
+
+
+def test_a_table_of_free_keys_takes_dotted_keys_and_texts() -> None:
+    text = 'top = 2\n[ranges]\na = "x(1, 2)"\nin.b = "y"\n[ranges.in.deep]\nc = "z"\n'
+    free = settings.build(Free, settings.parse_toml(text, "x.toml"))
+    assert free == Free({"a": "x(1, 2)", "in.b": "y", "in.deep.c": "z"}, 2)
+    free = settings.override(free, "ranges.in.b", "w(1, 2)")
+    free = settings.override(free, "ranges.new.key", '"none"')
+    free = settings.override(free, "ranges.a", "none")
+    assert free.ranges == {"in.deep.c": "z", "in.b": "w(1, 2)", "new.key": "none"}
+    plain = json.loads(json.dumps(settings.to_plain(free)))
+    assert settings.build(Free, plain) == free
+
+
+def test_mistakes_in_a_table_of_free_keys_are_one_line() -> None:
+    for tables, says in (
+        ({"ranges": 3}, "at ranges: expected a table, got 3"),
+        ({"ranges": {"in": {"a": 3.5}}}, "at ranges.in.a: expected a string, got 3.5"),
+        ({"rangs": {}}, "at rangs: unknown key; nearest known: ranges"),
+    ):
+        assert message(settings.build, Free, tables) == says
+    says = message(settings.override, Free(), "ranges", "x")
+    assert says == "at ranges: is a table; set one of its keys, as in ranges.KEY="
