@@ -16,10 +16,12 @@ from evs.drivers.gym.event_observations import StepEvents, make_event_observatio
 from evs.drivers.gym.library import gymnasium, spaces
 from evs.drivers.pictures import U8, event_frame, exposure_for, to_srgb8, upscale
 from evs.drivers.run.paths import in_package
+from evs.drivers.run.sensor_ranges import read_ranges
 from evs.emulator import Loop, Observation, View
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.config.plain_values import plain_integer
 from evs.emulator.config.schema import DelayConfig
+from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
 from evs.emulator.simulation.initial_states import Start, begin, check_start
 from evs.emulator.world import NamedSensors, Scene
 from evs.msgs import Events, EvsError, empty_events, join_events, unknown
@@ -77,6 +79,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         threads: int = 1,
         render_mode: str | None = None,
         render_camera: str | CameraConfig = "",
+        randomise: Mapping[str, str] | str | Path | None = None,
     ) -> None:
         """Load the scene and set up its cameras.
 
@@ -105,6 +108,9 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             threads: of the renderer; several environments in parallel are fastest with one each
             render_mode: None or rgb_array
             render_camera: the camera of `render`; "" is the model's first, or a free one
+            randomise: key of [sensor] -> its range, as of evs.SensorRanges, or a TOML file with a
+                table [randomise]: another sensor in every episode, the same for all cameras; what
+                was drawn is info["sensor"]
 
         Raises:
             EvsError: an argument is not possible; the message is one line
@@ -113,13 +119,18 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         if render_mode is not None and render_mode not in modes:
             raise EvsError(f"render_mode is {render_mode!r}; give None or '{modes[0]}'")
         self.render_mode = render_mode
+        sensor = _sized(sensor, size)
+        if isinstance(randomise, str | Path):
+            randomise = read_ranges(in_package(str(randomise)))
+        self.ranges = SensorRanges(randomise, sensor) if randomise else None
+        """what the sensor of each episode is drawn from; None: it stays the same"""
         if isinstance(scene, str | Path):
             scene = in_package(str(scene))
         self.loop = Loop(
             scene,
             cameras,
             tick_us=tick_us,
-            sensor=_sized(sensor, size),
+            sensor=sensor,
             render=render,
             model=model,
             threads=threads,
@@ -156,6 +167,8 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self.observation_space = self._space()
         self.seen: Observation | None = None
         """the latest observation of the loop: packets with their exact times"""
+        self.drawn: DrawnSensor | None = None
+        """the sensor of this episode; None: it is not randomised, or there was no reset"""
         self._events: dict[str, Events] = {}
 
     def _space(self) -> spaces.Space[Any]:
@@ -180,11 +193,12 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         """Start an episode.
 
         Args:
-            seed: Determines the start and all noise; None: continue the random numbers.
+            seed: Determines the start, the sensor and all noise; None: continue the random numbers.
             options: {"keyframe": name} starts from another keyframe.
 
         Returns:
-            The observation, and info with t_us, events (their number) and done.
+            The observation, and info with t_us, events (their number) and done; with randomise
+            also sensor: key -> value of this episode.
 
         Raises:
             EvsError: An option is unknown, or a limit is left at the start.
@@ -195,11 +209,16 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         if wanted:
             raise EvsError(f"reset has no option '{next(iter(wanted))}'; there is: keyframe")
         noise = int(self.np_random.integers(2**31))
+        # the same seed as the noise: the start and all later episodes do not depend on the ranges
+        self.drawn = self.ranges.draw(noise) if self.ranges else None
         self._began_us = 0
         for view in self._views.values():
             view.reset()
         self.seen = self.loop.reset(
-            noise, keyframe, start=lambda data: begin(self._start, self.np_random, data)
+            noise,
+            keyframe,
+            start=lambda data: begin(self._start, self.np_random, data),
+            sensor=self.drawn.config if self.drawn else None,
         )
         if self.seen.done:
             raise EvsError(
@@ -251,7 +270,9 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             for key, (name, view) in zip(self._keys(), self._views.items(), strict=True)
         }
         count = sum(len(events) for events in self._events.values())
-        info = {"t_us": seen.t_us, "events": count, "done": seen.done}
+        info: dict[str, Any] = {"t_us": seen.t_us, "events": count, "done": seen.done}
+        if self.drawn:
+            info["sensor"] = dict(self.drawn.values)
         if len(found) == 1 and not self._encoders:
             return found["events"], info
         if self._encoders:
