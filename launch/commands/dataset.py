@@ -24,6 +24,7 @@ KEYS = {
     "spp": ("frames.spp", "N", "samples per pixel of the frames (256; direct: 64)"),
     "fps": ("frames.fps", "N", "frames per simulated second (60)"),
     "seed": ("seed", "N", "random seed"),
+    "episodes": ("episodes", "N", "sequences of each scene, each with another seed (1)"),
     "threads": ("threads", "N", "threads per shard; 0: its share of the cores"),
 }
 """option -> (the key it is short for, placeholder, one line)"""
@@ -46,6 +47,8 @@ examples:
   evs dataset out/small --short                     0.1 s of each scene, in a minute
   evs dataset out/night --scenes street,tunnel --workers 8
   evs dataset out/arm --scene robot.xml --camera wrist --duration 5 --renderer direct
+  evs dataset out/varied --episodes 20 'randomise.pos_thres=uniform(0.15, 0.35)'
+                                                    120 sequences, each with its own thresholds
   evs dataset out/etscenes --verify                 compare every file with the manifest
 
 Run a stopped command again to resume it. The bytes are the same with any number of workers. The
@@ -68,6 +71,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("words", nargs="+", metavar="DIR, key=value", help="the folder, then any keys")
     add("--scenes", metavar="A,B", help="scenes of the set to make (all)")
     add("--scene", metavar="FILE", help="your own scene instead: MJCF or MJB")
+    add(
+        "--randomise",
+        metavar="FILE",
+        help="draw the sensor of each sequence from the ranges of this TOML file's [randomise]",
+    )
     add("--short", action="store_true", help="small and quick, to check that everything works")
     for option, (key, placeholder, line) in KEYS.items():
         add(f"--{option}", metavar=placeholder, help=f"{line}; short for {key}=")
@@ -130,7 +138,13 @@ def _scenes(args: argparse.Namespace) -> dict[str, SceneFile]:
 
     if args.scene and args.scenes:
         raise EvsError("--scene is your own file, --scenes selects from the set; give one of them")
-    explicit = [settings.split_word(word) for word in args.words if "=" in word]
+    explicit: list[tuple[str, str]] = []
+    if args.randomise:
+        from evs.drivers.run.sensor_ranges import read_ranges
+
+        ranges = read_ranges(args.randomise)
+        explicit += [(f"randomise.{key}", settings.to_text(text)) for key, text in ranges.items()]
+    explicit += [settings.split_word(word) for word in args.words if "=" in word]
     for option, (key, _, _) in KEYS.items():
         text = getattr(args, option)
         if text is not None:

@@ -18,6 +18,8 @@ WINDOW_US = 20_000
 """duration of the events that are shown"""
 CHANNELS = ("rgb", "events", "depth", "normal", "flow", "geom_id")
 ROW = ("rgb", "events", "depth", "flow", "geom_id")
+SIZE_PX = 13
+"""height of the letters"""
 ROW_PX = 230
 """of the widest panel in a row of a set's sheet"""
 
@@ -43,7 +45,13 @@ def moment(scene: RecordedSequence, share: float = 0.6) -> dict[str, npt.NDArray
 def scene_page(scene: RecordedSequence) -> U8:
     """(h, w, 3): one moment of a scene, every channel with its caption."""
     frame = moment(scene)
-    return channel_page({name: frame[name] for name in CHANNELS})
+    page = channel_page({name: frame[name] for name in CHANNELS})
+    return _with_words(page, words_of(scene.sensor_values), SIZE_PX)
+
+
+def words_of(values: Mapping[str, float]) -> str:
+    """The values of a randomised sensor, for people."""
+    return ", ".join(f"{key} {value:g}" for key, value in values.items())
 
 
 def set_page(scenes: Iterable[RecordedSequence]) -> U8:
@@ -53,19 +61,40 @@ def set_page(scenes: Iterable[RecordedSequence]) -> U8:
         frame = moment(scene)
         pictures = [panel(name, np.asarray(frame[name]))[0] for name in ROW]
         step = max(1, pictures[0].shape[1] // ROW_PX)
-        rows.append((scene.name, [_smaller(picture, step) for picture in pictures]))
+        values = words_of(scene.sensor_values)
+        named = f"{scene.name}: {values}" if values else scene.name
+        rows.append((named, [_smaller(picture, step) for picture in pictures]))
     height, width = rows[0][1][0].shape[:2]
-    gap, size_px = 4, 13
+    gap, size_px = 4, SIZE_PX
     label = text_line("M", size_px).height
     page = np.full(
         (len(rows) * (height + label + gap), len(ROW) * (width + gap) + gap, 3), PAPER, np.uint8
     )
     for row, (name, pictures) in enumerate(rows):
         top = row * (height + label + gap)
-        paste(page, text_line(name, size_px).picture, gap, top)
+        words = text_line(name, size_px).picture
+        paste(page, words[:, : page.shape[1] - gap], gap, top)
         for column, picture in enumerate(pictures):
             paste(page, picture, gap + column * (width + gap), top + label)
     return page
+
+
+def _with_words(page: U8, text: str, size_px: int) -> U8:
+    """The page with lines of text below it, broken at commas."""
+    lines: list[str] = []
+    for part in text.split(", ") if text else ():
+        longer = f"{lines[-1]}, {part}" if lines else part
+        if lines and text_line(longer, size_px).width <= page.shape[1] - 2 * size_px:
+            lines[-1] = longer
+        else:
+            lines.append(part)
+    strips = [page]
+    for line in lines:
+        words = text_line(line, size_px).picture[:, : page.shape[1] - size_px]
+        strip = np.full((words.shape[0], page.shape[1], 3), PAPER, np.uint8)
+        paste(strip, words, size_px, 0)
+        strips.append(strip)
+    return np.concatenate(strips)
 
 
 def _smaller(picture: U8, step: int) -> U8:

@@ -17,11 +17,11 @@ from evs.emulator import World
 from evs.emulator.state.versions import versions
 from evs.emulator.world import digest_of
 from evs.msgs import EvsError, Frame, ImuPacket, TriggerPacket
-from evs.tools.dataset.contact_sheet import scene_page
+from evs.tools.dataset.contact_sheet import scene_page, words_of
 from evs.tools.dataset.manifest import KIND, MANIFEST, claim, listed, missing, read_json, write_json
 from evs.tools.dataset.reader import RecordedSequence
 from evs.tools.dataset.scenes import SceneFile
-from evs.tools.dataset.sequence_spec import SequenceSpec, make_sequence_spec
+from evs.tools.dataset.sequence_spec import SequenceSpec, make_sequence_specs
 from evs.tools.dataset.shards import EVENTS, STATE, EventShard, FrameShard, Shard, cut
 from evs.tools.jobs import check_workers, run_jobs
 
@@ -70,7 +70,9 @@ def make_dataset(
         EvsError: a shard failed. Finished shards stay, and the same call resumes.
     """
     check_workers(workers, ray)
-    sequences = [make_sequence_spec(name, scene) for name, scene in scenes.items()]
+    sequences = [
+        sequence for name, scene in scenes.items() for sequence in make_sequence_specs(name, scene)
+    ]
     described = describe_settings(sequences, scenes, shard_s)
     claim(folder, described)
     if missing(folder):
@@ -109,7 +111,8 @@ def shard_count(scenes: Mapping[str, SceneFile], shard_s: float = SHARD_S) -> in
     count = 0
     for scene in scenes.values():
         length = max(1, round(shard_s * 1e6 / scene.scene.tick_us))
-        count += 2 * -(-max(1, round(scene.duration_s * 1e6 / scene.scene.tick_us)) // length)
+        ticks = max(1, round(scene.duration_s * 1e6 / scene.scene.tick_us))
+        count += 2 * scene.episodes * -(-ticks // length)
     return count
 
 
@@ -128,13 +131,18 @@ def describe(folder: Path, scenes: Mapping[str, SceneFile]) -> Iterator[str]:
         return
     seconds = frames = 0.0
     for name, scene in scenes.items():
-        seconds += scene.duration_s
-        frames += scene.duration_s * scene.frames.fps
+        seconds += scene.episodes * scene.duration_s
+        frames += scene.episodes * scene.duration_s * scene.frames.fps
         light = f"{scene.render.renderer}, {scene.render.samples} samples an event tick"
         yield (
             f"{name:10s}{scene.duration_s:6.1f} s  {scene.place or 'own':8s}"
             f"{light}, {scene.frames.spp} a frame: {scene.about or scene.scene.file}"
         )
+        if scene.episodes > 1:
+            yield f"{'':10s}{scene.episodes} episodes of so long, each with another seed"
+        for sequence, drawn in zip(scene.sequence_names(name), scene.draw(name), strict=True):
+            if drawn:
+                yield f"  {sequence}: {words_of(drawn.values)}"
     yield (
         f"{'all':10s}{seconds:6.1f} s  {round(frames)} frames; what a second costs: "
         "docs/howto/datasets.md"
@@ -151,6 +159,8 @@ def _describe_existing(folder: Path) -> Iterator[str]:
             f"{name:10s}{seconds:6.1f} s  {scene['place'] or 'own':8s}{scene['frames']} frames, "
             f"{len(own)} files, {sum(own.values()) / 1e6:.1f} MB: {scene['about']}"
         )
+        if values := scene.get("randomised", {}).get("values"):
+            yield f"  {name}: {words_of(values)}"
     yield "versions  " + ", ".join(f"{key} {value}" for key, value in manifest["versions"].items())
 
 
@@ -158,38 +168,57 @@ def describe_settings(
     sequences: Sequence[SequenceSpec], scenes: Mapping[str, SceneFile], shard_s: float
 ) -> dict[str, Any]:
     """All settings on which the bytes depend, and what their numbers mean, as plain values."""
+    # the first sequence of each scene
+    firsts = {sequence.scene: sequence for sequence in reversed(sequences)}
+    models = {name: _describe_model(first) for name, first in firsts.items()}
     return {
         "kind": KIND,
         "versions": {**versions(), "zlib": zlib.ZLIB_RUNTIME_VERSION},
         "shard_s": shard_s,
         "scenes": {
-            sequence.name: _describe_scene(sequence, scenes[sequence.name])
+            sequence.name: _describe_sequence(
+                sequence, scenes[sequence.scene], models[sequence.scene]
+            )
             for sequence in sequences
         },
     }
 
 
-def _describe_scene(sequence: SequenceSpec, scene: SceneFile) -> dict[str, Any]:
+def _describe_model(sequence: SequenceSpec) -> dict[str, Any]:
+    """What all sequences of a scene have in common."""
     with sequence.with_model_file() as config:
         world = World.from_config(config)
     (camera,) = world.cameras
     model = world.model
+    return {
+        "model": digest_of(model),
+        "camera_info": json.loads(json.dumps(camera.info.camera_info)),
+        "geoms": [model.geom(place).name for place in range(model.ngeom)],
+        "bodies": [model.body(place).name for place in range(model.nbody)],
+        "body_of_geom": [int(body) for body in model.geom_bodyid],
+    }
+
+
+def _describe_sequence(
+    sequence: SequenceSpec, scene: SceneFile, model: Mapping[str, Any]
+) -> dict[str, Any]:
     config = sequence.recorded_config(sequence.config)
-    config_json = settings.to_plain(dataclasses.replace(scene, scene=config.scene, threads=0))
+    used = dataclasses.replace(
+        scene, scene=config.scene, sensor=config.sensor, seed=config.seed, threads=0
+    )
+    config_json = settings.to_plain(used)
     if sequence.rows is not None:
         config_json["controls_crc32"] = zlib.crc32(sequence.rows.tobytes())
     return {
         "about": scene.about,
         "place": scene.place,
-        "model": digest_of(model),
+        "model": model["model"],
         "begin_us": sequence.begin * sequence.tick_us,
         "end_us": sequence.end * sequence.tick_us,
         "frames": len(sequence.frame_ticks()),
-        "camera_info": json.loads(json.dumps(camera.info.camera_info)),
-        "geoms": [model.geom(place).name for place in range(model.ngeom)],
-        "bodies": [model.body(place).name for place in range(model.nbody)],
-        "body_of_geom": [int(body) for body in model.geom_bodyid],
+        **{key: model[key] for key in ("camera_info", "geoms", "bodies", "body_of_geom")},
         "config": config_json,
+        **sequence.randomised,
     }
 
 

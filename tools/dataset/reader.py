@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.files import read
+from evs.drivers.files import read, stream_of
 from evs.msgs import Events, EvsError, ImuSamples, Labels, empty_events, empty_imu, unknown
 from evs.tools.dataset.manifest import MANIFEST, read_json
 from evs.tools.dataset.shards import EVENTS, FRAMES, POSE
@@ -50,6 +50,16 @@ class RecordedSequence:
                 t_us = poses["t_us"]
             found.append((path, int(t_us[0]), int(t_us[-1])))
         return found
+
+    @cached_property
+    def sensor_values(self) -> dict[str, float]:
+        """The values of a sensor that was drawn from ranges: key of [sensor] -> value; else empty.
+
+        They are in the header of its recordings as well: config["randomised"]["values"].
+        """
+        stream = stream_of(self._events[0][0] / EVENTS)
+        values: dict[str, float] = stream.config.get("randomised", {}).get("values", {})
+        return values
 
     @property
     def time_us(self) -> tuple[int, int]:

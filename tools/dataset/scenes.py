@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+import zlib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from evs.drivers import settings
 from evs.drivers.run.paths import beside, in_package, with_run_paths
 from evs.emulator.config import ModelConfig, RenderConfig, RunConfig, SensorConfig
 from evs.emulator.sensor import resolve_sensor
+from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
 from evs.emulator.world import MjModel, load_model
 from evs.msgs import EvsError, nearest_first
 from evs.tools.dataset.motion import Track, control_of
@@ -20,6 +22,7 @@ FOLDER = Path(__file__).parents[2] / "config" / "scenes" / "dataset"
 
 PLACES = ("indoor", "outdoor", "night")
 MOST_SECONDS = 3600.0
+MOST_EPISODES = 10_000
 
 Overrides = Iterable[tuple[str, str]]
 """(dotted key, text) of the command line"""
@@ -52,6 +55,31 @@ class SceneFile(RunConfig):
     has just been switched on to things that move has more ON events than OFF where it is dark"""
     frames: FramesConfig = field(default_factory=FramesConfig)
     motion: tuple[Track, ...] = ()
+    episodes: int = 1
+    """how often the scene is recorded: each time with another seed, and so with other noise, other
+    motion where it is random, and another sensor where `randomise` has ranges"""
+    randomise: Mapping[str, str] = field(default_factory=dict)
+    """ranges of the sensor: key of [sensor] -> uniform(low, high), log_uniform(low, high),
+    normal(mean, deviation) or choice(a, b, ...)"""
+
+    def sequence_names(self, name: str) -> tuple[str, ...]:
+        """Names of the sequences of a scene of this name: its own, or one for each episode."""
+        if self.episodes == 1:
+            return (name,)
+        return tuple(f"{name}-{episode:04d}" for episode in range(self.episodes))
+
+    def draw(self, name: str) -> list[DrawnSensor | None]:
+        """The sensor of each episode, which does not depend on other scenes; None: no ranges.
+
+        Raises:
+            EvsError: a range makes no sense.
+        """
+        if not self.randomise:
+            return [None] * self.episodes
+        ranges = SensorRanges(self.randomise, SensorConfig(**vars(self.sensor)))
+        # every scene has other sensors; a double holds the number, as in JSON
+        seed = (zlib.crc32(name.encode()) << 20) + self.seed
+        return [ranges.draw(seed, episode) for episode in range(self.episodes)]
 
     def run(self) -> RunConfig:
         """The part that shapes the events."""
@@ -152,6 +180,9 @@ def check(scene: SceneFile) -> None:
         least = tick_us * 1e-6 if key == "duration_s" else 0.0
         if not (math.isfinite(value) and least <= value <= MOST_SECONDS):
             raise EvsError(f"at {key}: {value:g} s; give {least:g} ... {MOST_SECONDS:g}")
+    if not 1 <= scene.episodes <= MOST_EPISODES:
+        raise EvsError(f"at episodes: {scene.episodes}; give 1 ... {MOST_EPISODES}")
+    SensorRanges(scene.randomise, SensorConfig(**vars(scene.sensor)))
     if not 0 < scene.frames.fps <= 1e6 / tick_us:
         raise EvsError(
             f"at frames.fps: {scene.frames.fps:g}; give more than 0, at most the "

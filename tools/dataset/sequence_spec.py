@@ -1,4 +1,4 @@
-"""SequenceSpec: all inputs of the shards of a scene, sent to every process that makes one."""
+"""SequenceSpec: all inputs of the shards of a sequence, sent to every process that makes one."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from evs.emulator import View, World
 from evs.emulator.config import CameraConfig, RunConfig
+from evs.emulator.sensor import resolve_sensor
+from evs.emulator.sensor.randomisation import DrawnSensor
 from evs.emulator.world import bytes_of
 from evs.emulator.world.controls import read_controls
 from evs.msgs import EvsError
@@ -27,6 +30,9 @@ class SequenceSpec:
     """All inputs of one recorded sequence of a scene."""
 
     name: str
+    """of the sequence: its folder"""
+    scene: str
+    """name of its scene"""
     model: bytes
     """MJB"""
     config: RunConfig
@@ -41,6 +47,8 @@ class SequenceSpec:
     """the first tick"""
     end: int
     """the last one"""
+    drawn: DrawnSensor | None = None
+    """the sensor of this sequence, which `config` has; None: it is not randomised"""
 
     @property
     def tick_us(self) -> int:
@@ -58,7 +66,12 @@ class SequenceSpec:
 
     def recorded_config(self, config: RunConfig) -> RunConfig:
         """The configuration for the files, without what depends on the machine."""
-        return replace(config, scene=replace(config.scene, file=self.name), threads=0)
+        return replace(config, scene=replace(config.scene, file=self.scene), threads=0)
+
+    @property
+    def randomised(self) -> dict[str, Any]:
+        """What the files say of a sensor that was drawn: {"randomised": ...}; else empty."""
+        return {"randomised": self.drawn.record} if self.drawn else {}
 
     def control(self, world: World) -> Callable[[], npt.NDArray[np.float64] | None]:
         """The controls of the next tick; None: those of the scene's own source."""
@@ -115,8 +128,32 @@ class SequenceSpec:
         return [self.begin + tick for tick in at if self.begin + tick < self.end]
 
 
+def make_sequence_specs(name: str, scene: SceneFile) -> list[SequenceSpec]:
+    """The specifications of a scene's sequences, one for each episode.
+
+    Raises:
+        EvsError: as make_sequence_spec, or a sensor that was drawn is impossible.
+    """
+    first = make_sequence_spec(name, scene)
+    found = []
+    names = scene.sequence_names(name)
+    for episode, (sequence_name, drawn) in enumerate(zip(names, scene.draw(name), strict=True)):
+        config = first.config
+        control_seed = config.scene.control_seed + episode
+        config = replace(
+            config,
+            seed=config.seed + episode,
+            scene=replace(config.scene, control_seed=control_seed),
+        )
+        if drawn:
+            resolve_sensor(drawn.config)
+            config = replace(config, sensor=drawn.config)
+        found.append(replace(first, name=sequence_name, config=config, drawn=drawn))
+    return found
+
+
 def make_sequence_spec(name: str, scene: SceneFile) -> SequenceSpec:
-    """The specification of a scene.
+    """The specification of a scene's first sequence, with the sensor that it has without ranges.
 
     Raises:
         EvsError: something in it is impossible; nothing has been made.
@@ -135,6 +172,7 @@ def make_sequence_spec(name: str, scene: SceneFile) -> SequenceSpec:
     ticks = max(1, round(scene.duration_s * 1e6 / config.scene.tick_us))
     config = replace(config, scene=replace(config.scene, file=""))
     sequence = SequenceSpec(
+        name,
         name,
         bytes_of(model),
         config,

@@ -86,6 +86,7 @@ class EventShard:
         config_json = dataclasses.asdict(self.sequence.recorded_config(config))
         # the sensor's table as the camera completed it
         config_json["sensor"] = camera.info.config["sensor"]
+        config_json |= self.sequence.randomised
         return dataclasses.replace(camera.info, config=config_json)
 
 
