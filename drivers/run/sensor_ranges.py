@@ -1,8 +1,8 @@
-"""Ranges of a sensor's parameters in a file: its table [randomise]."""
+"""Ranges of a sensor's parameters in a file, its table [randomise], and on a command line."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -39,3 +39,31 @@ def read_ranges(file: str | Path) -> dict[str, str]:
     if not found.randomise:
         raise EvsError(f"{path}: there is no range; give it a table [randomise]")
     return dict(found.randomise)
+
+
+def range_overrides(words: Iterable[str]) -> list[tuple[str, str]]:
+    """What --randomise gives, as dotted keys and texts for settings.override.
+
+    Args:
+        words: Each a TOML file of ranges, or KEY=RANGE; later ones win.
+
+    Raises:
+        EvsError: A file cannot be read, or holds something else.
+    """
+    found = []
+    for word in words:
+        given = [settings.split_word(word)] if "=" in word else read_ranges(word).items()
+        found += [(f"randomise.{key.removeprefix('randomise.')}", text) for key, text in given]
+    return found
+
+
+def ranges_of(words: Iterable[str]) -> dict[str, str]:
+    """The ranges that --randomise gives: key of [sensor] -> range; not checked.
+
+    Raises:
+        EvsError: As range_overrides.
+    """
+    ranges = RandomiseFile()
+    for key, text in range_overrides(words):
+        ranges = settings.override(ranges, key, text)
+    return dict(ranges.randomise)

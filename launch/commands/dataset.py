@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from evs.drivers import settings
+from evs.drivers.run.sensor_ranges import range_overrides
 from evs.msgs import EvsError
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ examples:
   evs dataset out/small --short                     0.1 s of each scene, in a minute
   evs dataset out/night --scenes street,tunnel --workers 8
   evs dataset out/arm --scene robot.xml --camera wrist --duration 5 --renderer direct
-  evs dataset out/varied --episodes 20 'randomise.pos_thres=uniform(0.15, 0.35)'
+  evs dataset out/varied --episodes 20 --randomise 'pos_thres=uniform(0.15, 0.35)'
                                                     120 sequences, each with its own thresholds
   evs dataset out/etscenes --verify                 compare every file with the manifest
 
@@ -73,8 +74,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--scene", metavar="FILE", help="your own scene instead: MJCF or MJB")
     add(
         "--randomise",
-        metavar="FILE",
-        help="draw the sensor of each sequence from the ranges of this TOML file's [randomise]",
+        action="append",
+        default=[],
+        metavar="FILE|KEY=RANGE",
+        help="another sensor in each sequence: ranges of [sensor], or a TOML file of them",
     )
     add("--short", action="store_true", help="small and quick, to check that everything works")
     for option, (key, placeholder, line) in KEYS.items():
@@ -138,12 +141,7 @@ def _scenes(args: argparse.Namespace) -> dict[str, SceneFile]:
 
     if args.scene and args.scenes:
         raise EvsError("--scene is your own file, --scenes selects from the set; give one of them")
-    explicit: list[tuple[str, str]] = []
-    if args.randomise:
-        from evs.drivers.run.sensor_ranges import read_ranges
-
-        ranges = read_ranges(args.randomise)
-        explicit += [(f"randomise.{key}", settings.to_text(text)) for key, text in ranges.items()]
+    explicit = range_overrides(args.randomise)
     explicit += [settings.split_word(word) for word in args.words if "=" in word]
     for option, (key, _, _) in KEYS.items():
         text = getattr(args, option)

@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import importlib.util
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,6 +41,8 @@ The network learns to give the events of an ideal event pixel in the converged l
 DIR receives data.json (the settings) and one NNNNN.npz per scene. A file appears when it is
 complete. Run the command again to resume it; Ctrl-C ends it after the current scene, a second
 Ctrl-C at once. The data depend only on the seed, on any number of threads, processes and machines.
+With --randomise 'cutoff_hz=log_uniform(50, 500)' each scene has another noisy sensor. The keys are
+those of [sensor]; evs train fit --noisy-truth learns from it.
 No scene has a robot: those of gymnasium and dm_control are reserved for tests."""
 
 RECIPES = ("paper", "evsnet_c8", "evsnet_c4")
@@ -100,6 +103,13 @@ def run(args: argparse.Namespace) -> int:
 def _configure_data(parser: argparse.ArgumentParser) -> None:
     add, usual = parser.add_argument, DataSettings()
     add("folder", metavar="DIR", help="folder of the data; created if it does not exist")
+    add(
+        "--randomise",
+        action="append",
+        default=[],
+        metavar="FILE|KEY=RANGE",
+        help="another noisy sensor in each scene: ranges of [sensor], or a TOML file of them",
+    )
     add("--scenes", type=int, default=200, metavar="N", help="number of scenes (200)")
     add("--from", type=int, default=0, metavar="N", dest="first", help="number of the first (0)")
     for key, meaning in (
@@ -141,7 +151,11 @@ def _data(args: argparse.Namespace) -> int:
     if not 0 <= args.threads <= 1024:
         raise EvsError(f"--threads is {args.threads}; give 0 for one per core, or 1 ... 1024")
     settings = DataSettings(
-        seed=args.seed, pixels=args.pixels, truth_spp=args.truth_spp, ticks=args.ticks
+        seed=args.seed,
+        pixels=args.pixels,
+        truth_spp=args.truth_spp,
+        ticks=args.ticks,
+        randomise=_ranges(args),
     )
     folder, total = Path(args.folder), args.scenes * work_of(settings)
     with stop_signals() as stopped, terminal.bar("training data", total, args.quiet) as moved:
@@ -159,6 +173,14 @@ def _data(args: argparse.Namespace) -> int:
         ended = f" ({stopped[0]}; give the command again to go on)" if stopped else ""
         print(f"{folder}: {made.made} scenes made, {made.kept} were there{ended}")
     return STOPPED.get(stopped[0], 0) if stopped else 0
+
+
+def _ranges(args: argparse.Namespace) -> Mapping[str, str]:
+    """The ranges of the noisy sensor."""
+    # here, so that --help is quick
+    from evs.drivers.run.sensor_ranges import ranges_of
+
+    return ranges_of(args.randomise)
 
 
 def _configure_fit(parser: argparse.ArgumentParser) -> None:
@@ -206,8 +228,15 @@ def _fit(args: argparse.Namespace) -> int:
     # here, so that --help needs no jax
     from evs.tools.training.fit import TrainedNetwork, fit
     from evs.tools.training.report import write_network
+    from evs.tools.training.settings import read_settings
+
+    def report(line: str) -> None:
+        if not args.quiet:
+            print(line, flush=True)
 
     recipe = _recipe(args)
+    if read_settings(folder).randomise and not recipe.noisy_truth:
+        report("the data have randomised sensors, which only --noisy-truth learns")
     name = args.name or recipe.name
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -221,10 +250,6 @@ def _fit(args: argparse.Namespace) -> int:
         if fitted.score < best:
             files = write_network(fitted, out)
             report(f"wrote {files[0]}")
-
-    def report(line: str) -> None:
-        if not args.quiet:
-            print(line, flush=True)
 
     for seed in range(args.seed, args.seed + args.seeds):
         default = folder / f"{name}-{seed}.checkpoint.npz"

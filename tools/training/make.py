@@ -72,19 +72,22 @@ def make_shard(
             for place, variant in enumerate(settings.variants)
         ]
         phase = draw_phases(rng, settings.pixels)
+        drawn = settings.draw(number)
+        noisy = drawn.config if drawn else NOISY
         meta = {
             "settings": settings.plain(),
             "scene": scene.meta,
             "digest": scene.digest,
             "versions": versions(),
             "seen": _seen(pilot, traced),
+            **({"randomised": drawn.record} if drawn else {}),
         }
         return Shard(
             light=np.stack(light),
             truth=truth,
             phase=phase,
             counts=event_counts(truth, phase, IDEAL, tick_us=settings.tick_us),
-            noisy_counts=event_counts(truth, phase, NOISY, seed=seed(3), tick_us=settings.tick_us),
+            noisy_counts=event_counts(truth, phase, noisy, seed=seed(3), tick_us=settings.tick_us),
             pixels=pixels.astype(np.int16),
             variants=settings.variants,
             meta=meta,

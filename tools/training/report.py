@@ -22,6 +22,8 @@ from evs.drivers.run.report import write_whole
 from evs.tools.training.export import export
 from evs.tools.training.fit import TrainedNetwork
 from evs.tools.training.settings import Variant
+from evs.tools.training.shards import read_meta
+from evs.tools.training.training_examples import TrainingExamples
 
 PACKAGES = ("evs", "jax", "jaxlib", "numpy", "optax")
 CHART_PX = (680, 400)
@@ -81,6 +83,7 @@ def report_of(fitted: TrainedNetwork) -> dict[str, Any]:
             **settings,
             "training_scenes": [int(path.stem) for path in examples.training],
             "held_out_scenes": [int(path.stem) for path in examples.held_out],
+            **_randomised(examples),
         },
         "steps": at.step,
         "minutes": round(at.elapsed_s / 60.0, 2),
@@ -101,6 +104,14 @@ def report_of(fitted: TrainedNetwork) -> dict[str, Any]:
         "curves": at.curves,
         "versions": versions,
     }
+
+
+def _randomised(examples: TrainingExamples) -> dict[str, Any]:
+    """The sensors that were drawn for the scenes, where the data have ranges of them."""
+    if not examples.settings.randomise:
+        return {}
+    paths = [*examples.training, *examples.held_out]
+    return {"randomised": {int(path.stem): read_meta(path).get("randomised") for path in paths}}
 
 
 def curves_page(fitted: TrainedNetwork) -> U8:

@@ -5,11 +5,15 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from evs.msgs import EvsError
+
+if TYPE_CHECKING:
+    from evs.emulator.sensor.randomisation import DrawnSensor
 
 SETTINGS_FILE = "data.json"
 
@@ -58,6 +62,9 @@ class DataSettings:
     tick_us: int = 1000
     """length of a tick, us"""
     recipe: int = RECIPE
+    randomise: Mapping[str, str] = field(default_factory=dict)
+    """ranges of the noisy sensor (targets.NOISY), as of evs.SensorRanges: another one in every
+    scene"""
 
     def __post_init__(self) -> None:
         for key, most in MOST.items():
@@ -76,11 +83,30 @@ class DataSettings:
                     f"training data: {variant.spp} spp with {variant.seeds} seeds; spp is "
                     "1 ... 4096, seeds are fixed or fresh"
                 )
+        if self.randomise:
+            self.draw(0)
+
+    def draw(self, number: int) -> DrawnSensor | None:
+        """The noisy sensor of scene `number`; None: it is the same in all scenes.
+
+        Raises:
+            EvsError: a range makes no sense.
+        """
+        if not self.randomise:
+            return None
+        # here, so that the settings are read quickly
+        from evs.emulator.sensor.randomisation import SensorRanges
+        from evs.tools.training.targets import NOISY
+
+        return SensorRanges(self.randomise, NOISY).draw(self.seed, number)
 
     def plain(self) -> dict[str, Any]:
         """As JSON takes it."""
         plain = dataclasses.asdict(self)
         plain["variants"] = [dataclasses.asdict(variant) for variant in self.variants]
+        if not self.randomise:
+            # as before there were ranges
+            del plain["randomise"]
         return plain
 
     @classmethod
@@ -93,12 +119,15 @@ class DataSettings:
         try:
             values = dict(plain)
             values["variants"] = variants_of(values["variants"])
-            kinds = {field.name for field in dataclasses.fields(cls)} - {"variants"}
-            if set(values) != kinds | {"variants"}:
+            ranges = values.setdefault("randomise", {})
+            if not all(type(text) is str for pair in ranges.items() for text in pair):
+                raise ValueError
+            kinds = {one.name for one in dataclasses.fields(cls)} - {"variants", "randomise"}
+            if set(values) != kinds | {"variants", "randomise"}:
                 raise ValueError
             if any(type(values[name]) is not int for name in kinds):
                 raise ValueError
-        except (KeyError, TypeError, ValueError):
+        except (AttributeError, KeyError, TypeError, ValueError):
             raise EvsError(
                 f"{where} does not hold settings of training data; take an empty folder"
             ) from None
@@ -153,7 +182,9 @@ def claim_folder(folder: Path, settings: DataSettings) -> None:
     if found != settings:
         wanted, there = settings.plain(), found.plain()
         differ = [
-            f"{key} {there[key]}, not {wanted[key]}" for key in wanted if wanted[key] != there[key]
+            f"{key} {there.get(key, 'none')}, not {wanted.get(key, 'none')}"
+            for key in dict.fromkeys([*wanted, *there])
+            if wanted.get(key) != there.get(key)
         ]
         raise EvsError(
             f"'{folder}' holds training data of other settings ({'; '.join(differ)}); "

@@ -230,6 +230,7 @@ def describe(shards: Shards) -> list[tuple[str, str]]:
         (name, text) of each line.
     """
     light, events, noisy, medians, fastest = [], [], [], [], []
+    values: dict[str, list[float]] = {}
     kinds: Counter[str] = Counter()
     for shard in shards:
         dn = WHITE_DN * shard.truth[::LIGHT_STEP]
@@ -240,6 +241,8 @@ def describe(shards: Shards) -> list[tuple[str, str]]:
         kinds[str(shard.meta.get("scene", {}).get("kind", "unknown"))] += 1
         seen = shard.meta.get("seen", {}).get("speeds_px_s")
         fastest.append(float(seen[-1]) if seen else 0.0)
+        for key, value in shard.meta.get("randomised", {}).get("values", {}).items():
+            values.setdefault(key, []).append(value)
     counts = np.concatenate(events)
     event_shares = _percentiles(counts, (50, 90, 99, 100))
     speeds = _percentiles(np.array(fastest), (0, 10, 25, 50, 75, 90, 100))
@@ -252,6 +255,10 @@ def describe(shards: Shards) -> list[tuple[str, str]]:
         ("events of a pixel", f"mean {counts.mean():.4g}; {event_shares}"),
         ("the same with noise", f"mean {np.concatenate(noisy).mean():.4g}"),
         ("fastest 1 % of a scene, px/s", speeds),
+        *(
+            (f"noisy {key}", f"{min(found):g} ... {max(found):g}, mean {np.mean(found):.4g}")
+            for key, found in values.items()
+        ),
     ]
 
 
