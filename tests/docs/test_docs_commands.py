@@ -16,6 +16,8 @@ from types import ModuleType
 import pytest
 
 from evs.drivers.run import config as pipeline
+from evs.drivers.run.sensor_ranges import read_ranges
+from evs.emulator.sensor.randomisation import SensorRanges
 from evs.launch import main
 from evs.launch.support.options import parse_pipeline
 from evs.tools.dataset.scenes import of_file
@@ -137,6 +139,8 @@ def test_every_line_of_yesterdays_pages_parses(line: str, folder: Path) -> None:
 def test_the_toml_of_the_pages_and_of_yesterdays_loads(folder: Path) -> None:
     blocks = re.compile(r"^(?:\[toml\]|```toml)\n(.*?)^(?:\[end\]|```)", re.DOTALL | re.MULTILINE)
     texts = [text for page in [YESTERDAY, *PAGES] for text in blocks.findall(page.read_text())]
+    ranges = [text for text in texts if text.startswith("# ranges.toml")]
+    texts = [text for text in texts if text not in ranges]
     # both are what lies beside a scene of a data set
     assert len(texts) == 2
     for text in texts:
@@ -145,6 +149,9 @@ def test_the_toml_of_the_pages_and_of_yesterdays_loads(folder: Path) -> None:
         (folder / "robot.toml").write_text(text)
         scene = of_file(str(folder / "robot.xml"), "robot")
         assert (scene.frames.fps, len(scene.motion)) == (60.0, 1)
+    (text,) = ranges
+    (folder / "ranges.toml").write_text(text)
+    assert len(SensorRanges(read_ranges(folder / "ranges.toml")).draw(1).values) == 8
 
 
 def test_there_are_lines() -> None:

@@ -139,7 +139,7 @@ def describe(folder: Path, scenes: Mapping[str, SceneFile]) -> Iterator[str]:
             f"{light}, {scene.frames.spp} a frame: {scene.about or scene.scene.file}"
         )
         if scene.episodes > 1:
-            yield f"{'':10s}{scene.episodes} episodes of so long, each with another seed"
+            yield f"{'':10s}{scene.episodes} episodes, each with another seed"
         for sequence, drawn in zip(scene.sequence_names(name), scene.draw(name), strict=True):
             if drawn:
                 yield f"  {sequence}: {words_of(drawn.values)}"
