@@ -145,7 +145,7 @@ class Camera:
         )
         self._forget()
 
-    def reset(self, seed: int | None = None, sensor: SensorConfig | None = None) -> None:
+    def reset(self, seed: int | None = None, sensor: str | SensorConfig | None = None) -> None:
         """Forget everything seen.
 
         Args:
@@ -159,7 +159,7 @@ class Camera:
         self.resetting(seed, sensor)()
 
     def resetting(
-        self, seed: int | None = None, sensor: SensorConfig | None = None
+        self, seed: int | None = None, sensor: str | SensorConfig | None = None
     ) -> Callable[[], None]:
         """Check a reset; the function that is returned does it.
 
@@ -171,6 +171,10 @@ class Camera:
             EvsError: As of `reset`.
         """
         exchange = None
+        if isinstance(sensor, str):
+            sensor = SensorConfig(preset=sensor)
+        if not isinstance(sensor, SensorConfig | None):
+            raise EvsError(f"sensor= takes a name or a SensorConfig, not {sensor!r}")
         if sensor is not None and sensor != self._plan.sensor:
             exchange = self._exchanging(sensor, self._plan.seed if seed is None else seed)
 

@@ -28,7 +28,7 @@ from typing import Any
 
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.declaration import declaration
-from evs.emulator.config.plain_values import plain_config, plain_integer
+from evs.emulator.config.plain_values import plain_config, plain_integer, plain_number
 from evs.emulator.sensor.bias_laws import effective
 from evs.emulator.sensor.presets import flat, preset_biases, resolve_sensor
 from evs.emulator.sensor.random import indexed_normals, indexed_uniforms
@@ -95,8 +95,10 @@ class DrawnSensor:
 class SensorRanges:
     """Ranges of a sensor's parameters, checked; `draw` gives the sensor of an episode.
 
-    ranges = SensorRanges({"pos_thres": "uniform(0.15, 0.35)"}, "davis346")
-    camera = evs.EventCamera(model, sensor=ranges.draw(seed=1, episode=0).config)
+        ranges = SensorRanges({"pos_thres": "uniform(0.15, 0.35)"}, "davis346")
+        camera = evs.EventCamera(model, sensor=ranges.draw(seed=1, episode=0).config)
+
+    Equal arguments give equal sensors, in any process and on any machine.
     """
 
     def __init__(self, ranges: Ranges, sensor: str | SensorConfig = "davis346") -> None:
@@ -158,7 +160,9 @@ class SensorRanges:
 
     def _check(self, values: dict[str, Number], where: str) -> None:
         try:
-            resolve_sensor(sensor_with_values(self.sensor, values))
+            made = resolve_sensor(sensor_with_values(self.sensor, values))
+            if made.aps.enabled:
+                made.aps.check_time(made.height)
         except EvsError as error:
             shown = ", ".join(f"{name} = {value:g}" for name, value in values.items())
             raise EvsError(f"at randomise ({where}): {error} (with {shown})") from None
@@ -196,13 +200,19 @@ def sensor_with_values(sensor: str | SensorConfig, values: Mapping[str, Number])
         values: Key of [sensor], such as pos_thres or readout.scan_us -> value.
 
     Raises:
-        EvsError: There is no such numeric key.
+        EvsError: There is no such numeric key, or a value is no number.
     """
     config = SensorConfig(preset=sensor) if isinstance(sensor, str) else sensor
+    if not isinstance(values, Mapping):
+        raise EvsError(f"the values are {values!r}; give {{'pos_thres': 0.2, ...}}")
     tables: dict[str, dict[str, Number]] = {}
     for name, value in values.items():
         if name not in _numeric_keys():
-            raise unknown("numeric key of [sensor]", name, _numeric_keys())
+            raise unknown("numeric key of [sensor]", str(name), _numeric_keys())
+        if _numeric_keys()[name].whole:
+            value = plain_integer(value, f"sensor.{name}")
+        else:
+            value = plain_number(value, f"sensor.{name}")
         table, _, key = name.rpartition(".")
         tables.setdefault(table, {})[key] = value
     own: dict[str, Any] = dict(tables.pop("", {}))
@@ -278,6 +288,7 @@ class _Range:
                 f"at randomise.{name}: the image has one size in all episodes; set sensor.{name}"
             )
         if name not in keys:
+            name = str(name)
             what = "no numeric key of [sensor]"
             if name in _numeric_keys():
                 what = "this sensor has no such bias"
@@ -340,8 +351,9 @@ class _Range:
             else:
                 made = replace(self, factors=other.bound(nominal, others).support)
             if not made.factors[0] > 0:
+                verb = "may be" if made.factor is None else "is"
                 raise self.error(
-                    f"{source} may be {made.factors[0]:g}, and a factor must be over 0; give a "
+                    f"{source} {verb} {made.factors[0]:g}, and a factor must be over 0; give a "
                     "range without it"
                 )
         made.check_within()

@@ -161,7 +161,7 @@ class ClosedLoop:
         keyframe: str = "",
         state: bool = False,
         start: Callable[[MjData], None] | None = None,
-        sensor: SensorConfig | None = None,
+        sensor: str | SensorConfig | None = None,
     ) -> Observation:
         """Begin an episode.
 

@@ -165,7 +165,7 @@ class EventCamera:
         self._history.keep(snapshot)
         return self._packet.events
 
-    def reset(self, seed: int | None = None, sensor: SensorConfig | None = None) -> None:
+    def reset(self, seed: int | None = None, sensor: str | SensorConfig | None = None) -> None:
         """As new: call it after the data was reset. The next observe sets the reference again.
 
         That observe also compares what every one would take too long for: vertices of meshes,

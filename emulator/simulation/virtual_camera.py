@@ -82,7 +82,7 @@ class VirtualCamera:
         return packet
 
     def reset(
-        self, seed: int | None = None, keyframe: str = "", sensor: SensorConfig | None = None
+        self, seed: int | None = None, keyframe: str = "", sensor: str | SensorConfig | None = None
     ) -> None:
         """Back to the beginning; see World.reset."""
         self.world.reset(seed, keyframe, sensor)

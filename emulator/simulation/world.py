@@ -381,7 +381,7 @@ class World:
         return snapshot
 
     def reset(
-        self, seed: int | None = None, keyframe: str = "", sensor: SensorConfig | None = None
+        self, seed: int | None = None, keyframe: str = "", sensor: str | SensorConfig | None = None
     ) -> None:
         """Go back to the beginning: time, physics, pixels and counters.
 

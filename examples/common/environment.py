@@ -26,7 +26,7 @@ class SeededLoop(Loop, ABC):
         keyframe: str = "",
         state: bool = False,
         start: Callable[[MjData], None] | None = None,
-        sensor: SensorConfig | None = None,
+        sensor: str | SensorConfig | None = None,
     ) -> Observation:
         """Reset as Loop does; without `start`, the seed draws one.
 

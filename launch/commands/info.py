@@ -13,6 +13,7 @@ from evs.launch.support.reinvoke import command
 
 if TYPE_CHECKING:
     from evs.drivers.files import Summary
+    from evs.msgs import StreamInfo
 
 HELP = "describe a recording and whether it is complete; --repair cuts a torn tail"
 
@@ -79,6 +80,7 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
         ("packets", f"{found.packets:,}{table if found.format == 'aedat4' else ''}"),
         *_beside(found),
         ("seed", str(stream.seed)),
+        *_randomised(stream),
         ("versions", versions or "not given"),
     ]
     if found.files:
@@ -104,6 +106,15 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
         where = f"{found.torn_bytes:,} bytes at offset {found.torn_at:,}"
         lines.append(("torn", f"{where}; {repair} cuts them"))
     return lines
+
+
+def _randomised(stream: StreamInfo) -> list[tuple[str, str]]:
+    """A line for the values of a sensor that was drawn from ranges."""
+    record = stream.config.get("randomised")
+    values = record.get("values") if isinstance(record, dict) else None
+    if not isinstance(values, dict) or not values:
+        return []
+    return [("randomised", ", ".join(f"{key} {value}" for key, value in values.items()))]
 
 
 def _beside(found: Summary) -> list[tuple[str, str]]:

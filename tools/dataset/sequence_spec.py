@@ -146,7 +146,10 @@ def make_sequence_specs(name: str, scene: SceneFile) -> list[SequenceSpec]:
             scene=replace(config.scene, control_seed=control_seed),
         )
         if drawn:
-            resolve_sensor(drawn.config)
+            try:
+                resolve_sensor(drawn.config)
+            except EvsError as error:
+                raise EvsError(f"at randomise, sequence {sequence_name}: {error}") from None
             config = replace(config, sensor=drawn.config)
         found.append(replace(first, name=sequence_name, config=config, drawn=drawn))
     return found

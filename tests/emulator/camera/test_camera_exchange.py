@@ -63,6 +63,18 @@ def test_without_a_sensor_a_reset_keeps_the_last() -> None:
     assert one == [packet.events.tobytes() for _ in range(30) for packet in world.step([0.5])]
 
 
+def test_a_preset_by_its_name_is_one_of_its_own_size() -> None:
+    world = evs.World(scene(), threads=1)
+    camera = world.add_camera("onboard", sensor="davis346")
+    world.reset(sensor="ideal")
+    assert camera.info.sensor == "ideal"
+    with pytest.raises(EvsError, match="a sensor of 128 x 128 px for a camera of 346 x 260"):
+        world.reset(sensor="dvs128")
+    with pytest.raises(EvsError, match="takes a name or a SensorConfig, not 3"):
+        world.reset(sensor=3)  # type: ignore[arg-type]
+    assert camera.info.sensor == "ideal"
+
+
 def test_an_event_camera_takes_another_sensor_too() -> None:
     model = mujoco.MjModel.from_xml_path(scene())
 

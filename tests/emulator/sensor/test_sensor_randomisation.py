@@ -12,7 +12,7 @@ import pytest
 
 import evs
 from evs.emulator.base.scene import F32
-from evs.emulator.config import SensorConfig
+from evs.emulator.config import ApsConfig, SensorConfig
 from evs.emulator.config.sensor import PixelKeys, ReadoutKeys
 from evs.emulator.sensor import PlainModel, resolve_sensor
 from evs.emulator.sensor.random import Term
@@ -232,6 +232,9 @@ def test_what_is_wrong_only_together_is_found_when_the_ranges_are_read() -> None
         SensorRanges(
             {"hot_pixel_fraction": "uniform(0, 0.7)", "dead_pixel_fraction": "uniform(0, 0.6)"}
         )
+    frames = replace(SensorConfig("davis346"), aps=ApsConfig(enabled=True, rate_hz=25.0))
+    with pytest.raises(EvsError, match="a frame takes"):
+        SensorRanges({"aps.exposure_us": "uniform(1000, 90000)"}, frames)
     with pytest.raises(EvsError, match="pos_thres has a factor of its own"):
         SensorRanges(
             {
@@ -253,6 +256,14 @@ def test_wrong_arguments_are_one_line() -> None:
         SensorRanges("a")  # type: ignore[arg-type]
     with pytest.raises(EvsError, match="no numeric key of \\[sensor\\] 'pos_thrs'"):
         sensor_with_values("davis346", {"pos_thrs": 1.0})
+    with pytest.raises(EvsError, match=r"sensor.pos_thres is 'a'; give a number"):
+        sensor_with_values("davis346", {"pos_thres": "a"})  # type: ignore[dict-item]
+    with pytest.raises(EvsError, match=r"sensor.readout.scan_us is 1.5; give a whole number"):
+        sensor_with_values("davis346", {"readout.scan_us": 1.5})
+    with pytest.raises(EvsError, match="the values are 3"):
+        sensor_with_values("davis346", 3)  # type: ignore[arg-type]
+    with pytest.raises(EvsError, match=r"at randomise.3: no numeric key"):
+        SensorRanges({3: "uniform(1, 2)"})  # type: ignore[dict-item]
 
 
 def light_of(tick: int) -> F32:

@@ -147,6 +147,10 @@ def test_the_sheet_and_the_description_show_the_values(
     told = capsys.readouterr().out
     for sequence in Dataset(made):
         assert f"{sequence.name}: {words_of(sequence.sensor_values)}" in told
+    assert main(["info", str(made / "ball-0001/events.aedat4")]) == 0
+    values = Dataset(made)["ball-0001"].sensor_values
+    listed_values = ", ".join(f"{key} {value}" for key, value in values.items())
+    assert f"randomised  {listed_values}" in capsys.readouterr().out
     words = [f"{key}={text}" for key, text in SMALL]
     ranges = [f"randomise.{key}={text}" for key, text in RANGES.items()]
     options = ["--scene", ball, "--episodes", "3", "--describe", *words, *ranges]
