@@ -4,7 +4,7 @@ A range is a text, for any numeric key of [sensor], dotted for the tables inside
 
     pos_thres = "uniform(0.15, 0.35)"             every value equally likely; whole keys: both ends
     cutoff_hz = "log_uniform(50, 500)"            the logarithm equally likely
-    sigma_thres = "normal(0.03, 0.01)"            mean, standard deviation; cut at the key's range
+    sigma_thres = "normal(0.03, 0.01)"            mean, standard deviation; without far outliers
     readout.scan_us = "choice(100, 200)"          one of these
     leak_rate_hz = "uniform(0.5, 2) * nominal"    times the value that the sensor has without ranges
     neg_thres = "normal(1, 0.1) * pos_thres"      times another key of the same episode
@@ -24,7 +24,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from decimal import Context, Decimal, localcontext
 from functools import cache
-from typing import Any
+from itertools import combinations
+from typing import Any, TypeVar
 
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.declaration import declaration
@@ -46,6 +47,9 @@ FIXED = ("width", "height")
 DIGITS = 6
 """significant digits of a value"""
 
+MOST_DEVIATIONS = 5.0
+"""of a normal number from its mean; it is drawn again where it is farther, once in 1.7 million"""
+
 LEAST_SHARE = 0.01
 """of a normal distribution that lies in the range of its key; it is drawn again until it does"""
 
@@ -59,6 +63,8 @@ _TEXT = re.compile(r"\s*(\w+)\s*\(([^()]*)\)\s*(?:\*\s*([\w.]+)\s*)?")
 _SHOW = "write it as in 'uniform(0.15, 0.35)'"
 
 Number = int | float
+
+C = TypeVar("C")
 
 Ranges = Mapping[str, str]
 """key of [sensor] -> its range"""
@@ -122,6 +128,8 @@ class SensorRanges:
         self.sensor = plain_config(config, "sensor")
         self.ranges = dict(ranges)
         """key -> its text, as given"""
+        self._resolved = resolve_sensor(self.sensor)
+        self._has_biases = any(value is not None for value in vars(self.sensor.biases).values())
         nominal = nominal_values(self.sensor)
         keys = keys_of(self.sensor)
         parsed = {key: _Range.parse(key, text, keys) for key, text in self.ranges.items()}
@@ -150,17 +158,26 @@ class SensorRanges:
         return DrawnSensor(sensor_with_values(self.sensor, values), values, seed, episode)
 
     def _check_sensors(self) -> None:
-        """Resolve the sensors at the ends of the ranges: each alone, then all low and all high."""
+        """Resolve the sensors at the ends of the ranges: of one, of any two, and of all."""
         ends = {part.key.name: part.ends for part in self._parts}
         for name, values in ends.items():
             for value in values:
                 self._check({name: value}, name)
-        for place in (0, -1):
-            self._check({name: values[place] for name, values in ends.items()}, ", ".join(ends))
+        for two in combinations(ends, 2):
+            for places in ((0, 0), (0, -1), (-1, 0), (-1, -1)):
+                corner = {name: ends[name][at] for name, at in zip(two, places, strict=True)}
+                self._check(corner, ", ".join(two))
+        if len(ends) > 2:
+            for place in (0, -1):
+                self._check({name: values[place] for name, values in ends.items()}, ", ".join(ends))
 
     def _check(self, values: dict[str, Number], where: str) -> None:
         try:
-            made = resolve_sensor(sensor_with_values(self.sensor, values))
+            if self._has_biases or any(name.startswith("biases.") for name in values):
+                made = resolve_sensor(sensor_with_values(self.sensor, values))
+            else:
+                # the same without the sensor's file, which takes longer than all else
+                made = _replaced(self._resolved, values)
             if made.aps.enabled:
                 made.aps.check_time(made.height)
         except EvsError as error:
@@ -205,20 +222,26 @@ def sensor_with_values(sensor: str | SensorConfig, values: Mapping[str, Number])
     config = SensorConfig(preset=sensor) if isinstance(sensor, str) else sensor
     if not isinstance(values, Mapping):
         raise EvsError(f"the values are {values!r}; give {{'pos_thres': 0.2, ...}}")
-    tables: dict[str, dict[str, Number]] = {}
+    checked: dict[str, Number] = {}
     for name, value in values.items():
         if name not in _numeric_keys():
             raise unknown("numeric key of [sensor]", str(name), _numeric_keys())
-        if _numeric_keys()[name].whole:
-            value = plain_integer(value, f"sensor.{name}")
-        else:
-            value = plain_number(value, f"sensor.{name}")
+        plain = plain_integer if _numeric_keys()[name].whole else plain_number
+        checked[name] = plain(value, f"sensor.{name}")
+    return _replaced(config, checked)
+
+
+def _replaced(sensor: C, values: Mapping[str, Number]) -> C:
+    """A SensorConfig or SensorParameters with some values, by dotted key."""
+    tables: dict[str, dict[str, Number]] = {}
+    for name, value in values.items():
         table, _, key = name.rpartition(".")
         tables.setdefault(table, {})[key] = value
     own: dict[str, Any] = dict(tables.pop("", {}))
     for table, inside in tables.items():
-        own[table] = replace(getattr(config, table), **inside)
-    return replace(config, **own)
+        own[table] = replace(getattr(sensor, table), **inside)
+    made: C = replace(sensor, **own)  # type: ignore[type-var]
+    return made
 
 
 def keys_of(sensor: SensorConfig) -> dict[str, Key]:
@@ -331,7 +354,8 @@ class _Range:
         """The values at the ends, lowest first; for a choice all of them."""
         low, high = self.factors
         if self.kind == "normal":
-            return tuple(self._value(self.numbers[0] * factor) for factor in self.factors)
+            lowest, highest = self.support
+            return self._value(lowest), self._value(highest)
         found = {self._value(number * factor) for number in self.numbers for factor in (low, high)}
         return tuple(sorted(found))
 
@@ -361,13 +385,14 @@ class _Range:
 
     @property
     def support(self) -> tuple[float, float]:
-        """The lowest and the highest value; of a normal distribution, all but one in a million."""
+        """The lowest and the highest value."""
         if self.kind == "normal":
             (mean, deviation), (lowest, highest) = self.numbers, self.key.within
-            low, high = (mean - 5.0 * deviation, mean + 5.0 * deviation)
-            return max(self.factors[0] * low, lowest), min(self.factors[1] * high, highest)
-        ends = self.ends
-        return float(ends[0]), float(ends[-1])
+            ends = (mean - MOST_DEVIATIONS * deviation, mean + MOST_DEVIATIONS * deviation)
+            products = [end * factor for end in ends for factor in self.factors]
+            return max(min(products), lowest), min(max(products), highest)
+        values = self.ends
+        return float(values[0]), float(values[-1])
 
     def check_within(self) -> None:
         """Raise EvsError where values lie outside the key's own range."""
@@ -415,7 +440,7 @@ class _Range:
             counters = [(place << 32) + number for place in range(first, first + 16)]
             for normal in indexed_normals(seed, TERM, episode, counters).tolist():
                 found = _at_place(mean + deviation * normal, max(abs(mean), deviation))
-                if lowest <= found * factor <= highest:
+                if abs(normal) <= MOST_DEVIATIONS and lowest <= found * factor <= highest:
                     return self._value(found * factor)
         return self._value(mean * factor)
 

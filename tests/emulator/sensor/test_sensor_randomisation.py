@@ -12,7 +12,7 @@ import pytest
 
 import evs
 from evs.emulator.base.scene import F32
-from evs.emulator.config import ApsConfig, SensorConfig
+from evs.emulator.config import ApsConfig, BiasConfig, SensorConfig
 from evs.emulator.config.sensor import PixelKeys, ReadoutKeys
 from evs.emulator.sensor import PlainModel, resolve_sensor
 from evs.emulator.sensor.random import Term
@@ -232,6 +232,14 @@ def test_what_is_wrong_only_together_is_found_when_the_ranges_are_read() -> None
         SensorRanges(
             {"hot_pixel_fraction": "uniform(0, 0.7)", "dead_pixel_fraction": "uniform(0, 0.6)"}
         )
+    # each alone would do, and so would both low or both high
+    with pytest.raises(EvsError, match=r"ever.*DiffBn_fine = 240, biases.ONBn_fine = 100"):
+        SensorRanges(
+            {"biases.DiffBn_fine": "uniform(39, 240)", "biases.ONBn_fine": "uniform(100, 255)"},
+            replace(SensorConfig("davis346"), biases=BiasConfig(ONBn_coarse=4)),
+        )
+    with pytest.raises(EvsError, match=r"cutoff_hz is 8.85714e"):
+        SensorRanges({"biases.PrBp_coarse": "normal(3.5, 7)"})
     frames = replace(SensorConfig("davis346"), aps=ApsConfig(enabled=True, rate_hz=25.0))
     with pytest.raises(EvsError, match="a frame takes"):
         SensorRanges({"aps.exposure_us": "uniform(1000, 90000)"}, frames)
