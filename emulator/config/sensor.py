@@ -270,17 +270,19 @@ class PixelKeys(Generic[Unset]):
         within=(0.0, 1.0),
         term="refractory_spread",
     )
-    hot_pixel_fraction: float | Unset = parameter(
+    hot_leak_median_hz: float | Unset = parameter(
         0.0,
-        "fraction of hot pixels, which leak at hot_pixel_rate_hz",
-        within=(0.0, 1.0),
+        "warm and hot pixels: each pixel has this leak on top of leak_rate_hz, log-normal over "
+        "pixels with this median and a long tail, at most 1 kHz; 0: off",
+        unit="Hz",
+        within=(0.0, 1e3),
         term="defects",
     )
-    hot_pixel_rate_hz: float | Unset = parameter(
-        100.0,
-        "mean leak rate of hot pixels",
-        unit="Hz",
-        within=(0.0, 1e4),
+    hot_leak_cov_decades: float | Unset = parameter(
+        1.15,
+        "spread of that leak over pixels: standard deviation of its log10",
+        unit="decades",
+        within=(0.0, 3.0),
     )
     dead_pixel_fraction: float | Unset = parameter(
         0.0,

@@ -19,7 +19,7 @@ from typing import Any
 
 from evs.msgs import EvsError, unknown
 
-LEAKS = ("leak_rate_hz", "parasitic_leak_hz")
+LEAKS = ("leak_rate_hz", "parasitic_leak_hz", "hot_leak_median_hz")
 """rates of a drift that no bias changes: a higher ON threshold is reached less often"""
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from evs.emulator.base.arrays import on_lines
 from evs.emulator.base.scene import F32, F64
-from evs.emulator.sensor.parameters import SensorParameters
+from evs.emulator.sensor.parameters import HOT_LEAK_HZ, MOST_HOT_LEAK_HZ, SensorParameters
 from evs.emulator.sensor.random import Term, exp10, pixel_normals, pixel_uniforms
 from evs.emulator.sensor.terms import SensorTerms
 
@@ -49,7 +49,7 @@ class FixedPattern:
     """(h, w) log units by which the first reference lies below the light: as if it had leaked
     for long"""
     hot: Mask | None = None
-    """(h, w) 1: the pixel is hot"""
+    """(h, w) 1: the pixel is hot, its part of the tail of leak is over HOT_LEAK_HZ"""
     shot_on: F32 | None = None
     """(h, w) rate of ON noise in the dark, Hz"""
     shot_off: F32 | None = None
@@ -94,11 +94,14 @@ def draw_pattern(
     on = threshold(sensor.pos_thres, Term.THRESHOLD_ON)
     off = threshold(sensor.neg_thres, Term.THRESHOLD_OFF)
     values: dict[str, Any] = {}
-    hot = dead = np.zeros((sensor.height, sensor.width), bool)
+    dead = np.zeros((sensor.height, sensor.width), bool)
+    tail_hz: F64 | float = 0.0
     if terms.defects:
-        lot = pixel_uniforms(seed, Term.DEFECT, *size)
-        dead = lot < sensor.dead_pixel_fraction
-        hot = lot >= 1.0 - sensor.hot_pixel_fraction
+        dead = pixel_uniforms(seed, Term.DEFECT, *size) < sensor.dead_pixel_fraction
+    if terms.hot_pixels:
+        decades = sensor.hot_leak_cov_decades * pixel_normals(seed, Term.HOT_LEAK, *size)
+        warm = sensor.hot_leak_median_hz * sensor.thermal_factor * exp10(decades)
+        tail_hz = np.minimum(warm, MOST_HOT_LEAK_HZ)
     if terms.shot_noise:
         # half of it is ON; a pixel with a low threshold has more (v2e)
         rate = sensor.shot_noise_rate_hz / 2.0 * spread(Term.SHOT_RATE)
@@ -106,10 +109,11 @@ def draw_pattern(
         values["shot_off"] = np.where(dead, 0.0, rate * _ease(sensor, sensor.neg_thres, off))
     if terms.leaks:
         one_hz = np.where(dead, 0.0, spread(Term.LEAK_RATE) * on * 1e-6)
-        rate = np.where(hot, sensor.hot_pixel_rate_hz, sensor.leak_rate_hz)
-        rate = rate * sensor.thermal_factor
+        rate = one_hz * (sensor.leak_rate_hz * sensor.thermal_factor)
+        if terms.hot_pixels:
+            rate = rate + np.where(dead, 0.0, on * 1e-6) * tail_hz
         # at most one event a us, so that a hot chip does not exhaust the memory
-        values["leak"] = np.round(np.minimum(one_hz * rate, on) * GRID) / GRID
+        values["leak"] = np.round(np.minimum(rate, on) * GRID) / GRID
         if terms.parasitic_leak:
             values["parasitic"] = one_hz * sensor.parasitic_leak_hz
         leaks = (values["leak"] > 0.0) | (sensor.parasitic_leak_hz > 0.0)
@@ -121,7 +125,7 @@ def draw_pattern(
         periods = np.floor(relative * sensor.refractory_us + 0.5)
         arrays["refractory_us"] = _constant(np.clip(periods, 1, LONGEST_US), np.uint32)
     if terms.hot_pixels:
-        arrays["hot"] = _constant(hot, np.uint8)
+        arrays["hot"] = _constant(~dead & (tail_hz > HOT_LEAK_HZ), np.uint8)
     return FixedPattern(
         on=_constant(np.where(dead, np.inf, on), np.float32),
         off=_constant(np.where(dead, np.inf, off), np.float32),

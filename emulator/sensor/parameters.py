@@ -78,6 +78,13 @@ ACTIVATION_EV = 0.63
 0.56 eV, diffusion all of it (Widenhorn et al., Proc. SPIE 4669, 2002); 0.63 eV was measured on
 the CCDs of MERIS between 6 and 40 degrees C."""
 
+HOT_LEAK_HZ = 1.0
+"""a pixel is hot, and its leak events have the cause `hot`, if its own part of the tail of leak,
+which hot_leak_median_hz begins, is over this rate at the temperature of the chip"""
+
+MOST_HOT_LEAK_HZ = 1000.0
+"""that part is at most this"""
+
 BOLTZMANN_EV_K = 8.617333262e-5
 ZERO_C_K = 273.15
 
@@ -175,11 +182,6 @@ class SensorParameters(PixelKeys[Never], _Named):
                 f"take longer than sensor.readout.scan_us, {scan.scan_us} us; give at most "
                 f"{scan.scan_us * 1000 // self.width}"
             )
-        if self.hot_pixel_fraction + self.dead_pixel_fraction > 1.0:
-            raise EvsError(
-                "sensor.hot_pixel_fraction and sensor.dead_pixel_fraction are over 1 together; "
-                "lower one"
-            )
 
     @property
     def lux_per_dn(self) -> float:
@@ -208,7 +210,7 @@ class SensorParameters(PixelKeys[Never], _Named):
     @property
     def has_hot_pixels(self) -> bool:
         """Whether any pixel may be hot."""
-        return self.hot_pixel_fraction > 0.0 and self.hot_pixel_rate_hz > 0.0
+        return self.hot_leak_median_hz > 0.0
 
     @property
     def refractory_us(self) -> int:

@@ -35,6 +35,7 @@ class Term(IntEnum):
     INTERNAL_STATE = 7
     """of a network: V(0)"""
     REFRACTORY = 8
+    HOT_LEAK = 9
     LATENCY = 64
     """in core/sensor/readout.h, of an event: pixel, time and polarity"""
     ARBITER = 65

@@ -50,7 +50,7 @@ class SensorTerms:
     running_mean: bool
     causes: bool
     hot_pixels: bool
-    """some defects are hot pixels, whose leak has a rate of its own"""
+    """leak has a tail of warm and hot pixels"""
     idle_highpass: float
     """the high pass where its rate is 0: 2 pi f, 1 / us"""
 

@@ -97,8 +97,8 @@ def test_a_day_of_noise_keeps_its_rates() -> None:
         "noisy", SIDE, SIDE, 0.2, 0.2, 0.03, exposure_dn=1.0,
         cutoff_hz=200.0, follower_hz=1000.0, highpass_hz=0.01,
         leak_rate_hz=0.5, parasitic_leak_hz=0.5, shot_noise_rate_hz=1.0,
-        noise_rate_cov_decades=0.1, refractory_period_s=0.0005, hot_pixel_fraction=0.05,
-        hot_pixel_rate_hz=20.0,
+        noise_rate_cov_decades=0.1, refractory_period_s=0.0005, hot_leak_median_hz=0.3,
+        hot_leak_cov_decades=0.9,
     )  # fmt: skip
     waves = Waves.of(SIDE, 4.0, 3, whole=True)
     light = np.stack([waves.luminance((k + 1) * TICK_US) for k in range(SECOND)])

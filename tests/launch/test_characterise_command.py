@@ -163,7 +163,7 @@ def test_a_sensor_without_any_term(capsys: pytest.CaptureFixture[str]) -> None:
     "terms",
     [
         {"dead_pixel_fraction": 1.0},
-        {"hot_pixel_fraction": 1.0, "hot_pixel_rate_hz": 2000.0},
+        {"hot_leak_median_hz": 1000.0, "hot_leak_cov_decades": 0.0},
         {"shot_noise_rate_hz": 20_000.0},
         {"pos_thres": 20.0, "neg_thres": 20.0},
         {"white_lux": 1e9},

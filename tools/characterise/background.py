@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from evs.emulator.sensor import SensorParameters
 from evs.tools.characterise.bench import F64, Bench, LightExposure, Mask, pixel_numbers
-from evs.tools.characterise.expected import leak_rate_hz, shot_rate_hz
+from evs.tools.characterise.expected import hot_tail, leak_rate_hz, shot_rate_hz
 from evs.tools.characterise.fit import mean_and_error
 from evs.tools.characterise.quantity import Quantity
 
@@ -75,6 +75,8 @@ class Background:
     """of all pixels"""
     hot_rate: tuple[float, float]
     """of those, both polarities; NaN: there are none"""
+    hot_hz: float
+    """rate from which on a pixel counts as hot"""
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,7 @@ class _Observation:
     """(h w,) rates, Hz"""
     off: F64
     hot: Mask
+    hot_hz: float
     irregularity: float
 
 
@@ -121,7 +124,7 @@ def _observe(bench: Bench, lux: float) -> _Observation:
     nothing = np.zeros(bench.pixels)
     if rate == 0.0:
         quiet = np.zeros(bench.pixels, bool)
-        return _Observation(lux, exposure.t_us * 1e-6, nothing, nothing, quiet, math.nan)
+        return _Observation(lux, exposure.t_us * 1e-6, nothing, nothing, quiet, math.inf, math.nan)
     seconds = min(LONGEST_S, min(EVENTS / bench.pixels, A_PIXEL) / rate)
     ticks = math.ceil(max(2 * TICKS, seconds * rate / MOST_A_TICK))
     tick_us = math.ceil(seconds / ticks * 1e6)
@@ -142,9 +145,12 @@ def _observe(bench: Bench, lux: float) -> _Observation:
     # a pixel has no events while it is blind
     blind = (rate_on + rate_off) * bench.sensor.refractory_period_s
     awake = 1.0 / np.maximum(1.0 - blind, 0.1)
-    hot = _hot(np.bincount(pixel, minlength=bench.pixels))
+    counts = np.bincount(pixel, minlength=bench.pixels)
+    most = _most_of_usual(counts)
+    hot = counts > most
     irregularity = _irregularity(pixel[on], when[on], hot)
-    return _Observation(lux, seconds, rate_on * awake, rate_off * awake, hot, irregularity)
+    hot_hz = most / seconds
+    return _Observation(lux, seconds, rate_on * awake, rate_off * awake, hot, hot_hz, irregularity)
 
 
 def _first_rate(exposure: LightExposure, lux: float) -> float:
@@ -172,14 +178,15 @@ def _summarise(observation: _Observation, spreads: Spreads) -> Background:
         irregularity=observation.irregularity,
         hot_share=float(observation.hot.mean()),
         hot_rate=mean_and_error((observation.on + observation.off)[observation.hot]),
+        hot_hz=observation.hot_hz,
     )
 
 
-def _hot(counts: npt.NDArray[np.int64]) -> Mask:
+def _most_of_usual(counts: npt.NDArray[np.int64]) -> float:
+    """Number of events over which a pixel is hot."""
     usual = counts[counts <= np.quantile(counts, 0.95)].mean()
     limit = HOT * usual
-    hot: Mask = counts > limit + 6.0 * math.sqrt(limit) + 6.0
-    return hot
+    return float(limit + 6.0 * math.sqrt(limit) + 6.0)
 
 
 def _irregularity(pixel: npt.NDArray[np.int64], when: F64, hot: Mask) -> float:
@@ -288,13 +295,21 @@ def background_results(sensor: SensorParameters, found: Sequence[Background]) ->
     for at in found:
         note = "the high pass takes part of it" if sensor.highpass_hz else ""
         note = "lost in shot noise" if math.isnan(at.leak[0]) else note
-        promised = leak_rate_hz(sensor, at.lux)
+        promised = leak_rate_hz(sensor, at.lux, _of_tail(sensor, at))
         results.append(Quantity("leak rate", "Hz", *at.leak, promised, at.lux, note))
     last = min(found, key=lambda at: at.on[0] + at.off[0])
     share = last.hot_share
     error = math.sqrt(share * (1.0 - share) / last.pixels)
-    results.append(Quantity("hot pixels", "", share, error, sensor.hot_pixel_fraction, last.lux))
+    limit_hz = _of_tail(sensor, last)
+    promised, above, _ = hot_tail(sensor, limit_hz)
+    note = f"over {last.hot_hz:.3g} Hz"
+    results.append(Quantity("hot pixels", "", share, error, promised, last.lux, note))
     if share > 0.0:
-        promised = sensor.hot_pixel_rate_hz if sensor.has_hot_pixels else math.nan
+        promised = above + last.hot_hz - limit_hz if above else math.nan
         results.append(Quantity("rate of hot pixels", "Hz", *last.hot_rate, promised, last.lux))
     return results
+
+
+def _of_tail(sensor: SensorParameters, at: Background) -> float:
+    """What a pixel's part of the hot tail must exceed to be hot, Hz; the rest is usual."""
+    return at.hot_hz - leak_rate_hz(sensor, at.lux, 0.0) - shot_rate_hz(sensor, at.lux)

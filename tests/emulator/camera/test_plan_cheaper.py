@@ -145,7 +145,7 @@ TERMS = {
     # term -> random numbers drawn for each pixel, bytes of pattern and of state for each
     "threshold_spread": (2, 0, 0),
     "rate_spread": (0, 0, 0),
-    "defects": (2, 4 + 4 + 1, 16 / 64),
+    "defects": (3, 4 + 4 + 1, 16 / 64),
     "high_pass": (0, 0, 16 / 64),
     "leak": (1, 4 + 4, 16 / 64),
     "parasitic_leak": (1, 4 + 4 + 4, 16 / 64),

@@ -85,7 +85,7 @@ def test_noise_and_bandwidth_of_a_preset_are_not_its_business() -> None:
         leak_rate_hz=10.0,
         shot_noise_rate_hz=50.0,
         refractory_period_s=0.01,
-        hot_pixel_fraction=0.5,
+        hot_leak_median_hz=0.5,
         dead_pixel_fraction=0.5,
         log="log_eps",
         filter="euler",

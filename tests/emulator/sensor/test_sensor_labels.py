@@ -31,7 +31,7 @@ SCENE = """<mujoco><option gravity="0 0 0"/>
 NOISE = {
     Cause.LEAK: {"leak_rate_hz": 100.0},
     Cause.SHOT: {"shot_noise_rate_hz": 100.0},
-    Cause.HOT: {"hot_pixel_fraction": 1.0, "hot_pixel_rate_hz": 100.0},
+    Cause.HOT: {"hot_leak_median_hz": 100.0, "hot_leak_cov_decades": 0.0},
 }
 
 
@@ -58,7 +58,7 @@ def test_still_light_has_the_noise_that_is_on(cause: Cause) -> None:
 
 def test_light_is_a_signal_among_all_noise() -> None:
     every = {key: value for terms in NOISE.values() for key, value in terms.items()}
-    every["hot_pixel_fraction"] = 0.1
+    every |= {"hot_leak_median_hz": 0.1, "hot_leak_cov_decades": 1.15}
     events = seen(sensor(**every), [GREY] * 50 + [GREY * 4] * 50, True)
     step = events["t"] > 49_000
     step &= events["t"] <= 50_000

@@ -90,8 +90,8 @@ def test_after_a_day_noise_has_its_rates_and_its_stamps() -> None:
     side = 8
     sensor = replace(
         IDEAL, width=side, height=side, leak_rate_hz=1.0, shot_noise_rate_hz=8.0,
-        noise_rate_cov_decades=0.1, refractory_period_s=0.001, hot_pixel_fraction=0.05,
-        hot_pixel_rate_hz=20.0, cutoff_hz=300.0, follower_hz=1000.0,
+        noise_rate_cov_decades=0.1, refractory_period_s=0.001, hot_leak_median_hz=0.3,
+        hot_leak_cov_decades=0.9, cutoff_hz=300.0, follower_hz=1000.0,
     )  # fmt: skip
     model = PlainModel(sensor, 1)
     light = np.full((side, side), 50.0, np.float32)

@@ -18,8 +18,7 @@ SIDE, SECOND = 48, 1_000_000
 IDEAL = SensorParameters("ideal", SIDE, SIDE, 0.2, 0.2, exposure_dn=1.0)
 NOISY = replace(
     IDEAL, sigma_thres=0.03, leak_rate_hz=2.0, parasitic_leak_hz=1.0, shot_noise_rate_hz=20.0,
-    noise_rate_cov_decades=0.2, refractory_period_s=0.002, hot_pixel_fraction=0.02,
-    hot_pixel_rate_hz=100.0,
+    noise_rate_cov_decades=0.2, refractory_period_s=0.002, hot_leak_median_hz=0.1,
 )  # fmt: skip
 
 

@@ -70,8 +70,8 @@ WHOLE_PIXELS = st.builds(
     shot_noise_law=st.sampled_from(["linear", "inverse"]),
     noise_rate_cov_decades=st.just(0.0) | st.floats(0.0, 0.5),
     refractory_period_s=st.just(0.0) | st.floats(1e-6, 0.02),
-    hot_pixel_fraction=st.just(0.0) | st.floats(0.0, 0.5),
-    hot_pixel_rate_hz=rate(1e4),
+    hot_leak_median_hz=rate(1e3),
+    hot_leak_cov_decades=st.floats(0.0, 3.0),
     dead_pixel_fraction=st.just(0.0) | st.floats(0.0, 0.5),
 )
 MEANS = st.none() | st.builds(

@@ -54,7 +54,7 @@ def test_every_value_of_a_preset_tells_its_source() -> None:
 NOISE = (
     *("cutoff_hz", "follower_hz", "highpass_hz", "leak_rate_hz", "parasitic_leak_hz"),
     *("shot_noise_rate_hz", "noise_rate_cov_decades", "refractory_period_s"),
-    *("hot_pixel_fraction", "dead_pixel_fraction", "sigma_thres", "dark_lux"),
+    *("hot_leak_median_hz", "dead_pixel_fraction", "sigma_thres", "dark_lux"),
 )
 LATENCY_US = {"davis346": 20, "davis240": 12, "dvxplorer": 50, "imx636": 100, "genx320": 150}
 """of a step of 100 % at 1 klux, as the files tell"""

@@ -43,7 +43,7 @@ SENSORS = st.builds(
     shot_noise_law=st.sampled_from(["linear", "inverse"]),
     noise_rate_cov_decades=off_or(0.1, 0.5),
     refractory_period_s=off_or(1e-6, 0.01),
-    hot_pixel_fraction=off_or(0.01, 0.5),
+    hot_leak_median_hz=off_or(0.01, 10.0),
     dead_pixel_fraction=off_or(0.01, 0.5),
     dark_lux=off_or(1e-3, 10.0),
 )

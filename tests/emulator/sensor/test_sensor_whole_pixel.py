@@ -21,7 +21,7 @@ SENSOR = SensorParameters("test", 10, 8, 0.2, 0.2, 0.03)
 ALL_TERMS = replace(
     SENSOR, cutoff_hz=300.0, follower_hz=900.0, highpass_hz=0.1, leak_rate_hz=5.0,
     parasitic_leak_hz=5.0, shot_noise_rate_hz=100.0, noise_rate_cov_decades=0.2,
-    refractory_period_s=0.0003, hot_pixel_fraction=0.1, dead_pixel_fraction=0.1, dark_lux=0.1,
+    refractory_period_s=0.0003, hot_leak_median_hz=1.0, dead_pixel_fraction=0.1, dark_lux=0.1,
 )  # fmt: skip
 
 SILICON = replace(ALL_TERMS, log="ln", filter="large_signal")
@@ -141,8 +141,8 @@ def test_all_terms_in_ticks_of_any_length(
 
 def test_ticks_of_four_minutes() -> None:
     sensor = replace(
-        ALL_TERMS, leak_rate_hz=0.1, parasitic_leak_hz=0.1, shot_noise_rate_hz=0.05,
-        hot_pixel_rate_hz=1.0, cutoff_hz=1e7,
+        ALL_TERMS, leak_rate_hz=0.02, parasitic_leak_hz=0.02, shot_noise_rate_hz=0.05,
+        hot_leak_median_hz=0.1, hot_leak_cov_decades=0.6, cutoff_hz=1e7,
     )  # fmt: skip
     events, causes, _ = both(sensor, steps(0.1, 0.1, 0.5, 0.5), MAX_TICK_US)
     assert len(events) > 5000
@@ -173,7 +173,7 @@ def test_the_longest_blindness_outlasts_everything() -> None:
 
 
 def test_a_sensor_of_dead_pixels_is_silent() -> None:
-    sensor = replace(ALL_TERMS, hot_pixel_fraction=0.0, dead_pixel_fraction=1.0)
+    sensor = replace(ALL_TERMS, hot_leak_median_hz=0.0, dead_pixel_fraction=1.0)
     events, _, state = both(sensor, steps(0.1, 1.0, 0.1, 1e6))
     assert len(events) == 0
     assert state.shot_count is not None
@@ -181,8 +181,8 @@ def test_a_sensor_of_dead_pixels_is_silent() -> None:
 
 
 def test_a_sensor_of_hot_pixels_says_so() -> None:
-    sensor = replace(SENSOR, hot_pixel_fraction=1.0, hot_pixel_rate_hz=1e4)
-    events, causes, _ = both(sensor, steps(0.1, each=11))
+    sensor = replace(SENSOR, hot_leak_median_hz=1e3, hot_leak_cov_decades=0.0)
+    events, causes, _ = both(sensor, steps(0.1, each=101))
     assert np.all(causes == 4)
     assert abs(len(events) - 80 * 100) <= 80
 

@@ -142,7 +142,7 @@ NEEDS = {
     "ground_truth": Film({}, {}, {}, {}, {"labels": True}),
     "threshold_spread": Film(sensor={"sigma_thres": 0.03}),
     "rate_spread": Film(sensor={"leak_rate_hz": 50.0, "noise_rate_cov_decades": 0.3}),
-    "defects": Film(sensor={"hot_pixel_fraction": 0.1}),
+    "defects": Film(sensor={"hot_leak_median_hz": 1.0}),
     "low_pass": Film(sensor={"cutoff_hz": 200.0}),
     "follower": Film(sensor={"follower_hz": 200.0}),
     "high_pass": Film(sensor={"highpass_hz": 20.0}),
