@@ -7,9 +7,11 @@ current adds to it in the pixel.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
+from evs.emulator.base.scene import F64
 from evs.emulator.sensor import SensorParameters
 from evs.emulator.sensor.parameters import MOST_HOT_LEAK_HZ
 from evs.emulator.sensor.pixel import log_light
@@ -20,6 +22,8 @@ DOUBLED = 2.0
 
 CONTRAST = 1.8
 """the same for the dynamic range: 80 %, as manufacturers state it"""
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(48)
 
 HALF = 0.5
 """share of the pixels that must respond for a latency to be defined"""
@@ -55,11 +59,20 @@ def time_constants_s(sensor: SensorParameters, lux: float) -> tuple[float, float
     return first, second
 
 
-def step_time_s(sensor: SensorParameters, lux: float, share: float) -> float:
-    """Time after a step of light to `lux` until this share of it has come through; inf: never."""
+def step_time_s(sensor: SensorParameters, lux: float, share: float, step: float = 0.0) -> float:
+    """Time after a step of light until a share of it has come through; inf: never.
+
+    Args:
+        sensor: the sensor.
+        lux: illuminance after the step.
+        share: share of the step, in log light.
+        step: its height, log units; the large-signal photoreceptor depends on it.
+    """
     if not share < 1.0:
         return math.inf
     one, two = time_constants_s(sensor, lux)
+    if sensor.filter == "large_signal" and step and one and share > 0.0:
+        return _large_step_time_s(one, two, share, step)
     if one == 0.0 or two == 0.0 or share <= 0.0:
         return -(one + two) * math.log1p(-max(share, 0.0))
     if math.isclose(one, two, rel_tol=1e-6):
@@ -70,6 +83,33 @@ def step_time_s(sensor: SensorParameters, lux: float, share: float) -> float:
 
     low, high = 0.0, 40.0 * (one + two)
     for _ in range(80):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if through(middle) < share else (low, middle)
+    return high
+
+
+def _large_step_time_s(one: float, two: float, share: float, step: float) -> float:
+    """step_time_s of the large-signal photoreceptor and the follower behind it."""
+
+    def first(t: F64 | float) -> F64:
+        """Share of the step behind the photoreceptor: q = 1 + (e^step - 1) e^-wt."""
+        left = np.log1p(math.expm1(step) * np.exp(-np.asarray(t) / one))
+        return np.asarray(1.0 - left / step)
+
+    def through(t: float) -> float:
+        if two == 0.0:
+            return float(first(t))
+        # the follower forgets: Gauss-Legendre between the places where either is steep
+        ends = sorted({0.0, min(t, 20.0 * one), max(0.0, t - 20.0 * two), t})
+        total = 0.0
+        for low, high in pairwise(ends):
+            at = 0.5 * (low + high) + 0.5 * (high - low) * NODES
+            kept = np.exp((at - t) / two) / two
+            total += float(0.5 * (high - low) * (WEIGHTS * first(at) * kept).sum())
+        return total
+
+    low, high = 0.0, (40.0 + abs(step)) * (one + two)
+    for _ in range(60):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if through(middle) < share else (low, middle)
     return high
@@ -188,7 +228,10 @@ def latency_s(sensor: SensorParameters, lux: float) -> tuple[float, float]:
     z = np.linspace(-4.0, 4.0, 161)
     weight = np.exp(-0.5 * z * z)
     times = np.array(
-        [step_time_s(sensor, lux, (sensor.pos_thres + sensor.sigma_thres * k) / step) for k in z]
+        [
+            step_time_s(sensor, lux, (sensor.pos_thres + sensor.sigma_thres * k) / step, step)
+            for k in z
+        ]
     )
     there = np.isfinite(times)
     if weight[there].sum() < HALF * weight.sum():

@@ -85,6 +85,27 @@ def test_half_power_of_two_poles() -> None:
     assert math.isinf(expected.half_power_hz(dataclasses.replace(one, cutoff_hz=0.0), 1.0))
 
 
+def test_step_time_of_the_large_signal_photoreceptor_is_that_of_its_equation() -> None:
+    """Its closed form alone, Euler steps of a thousandth with the follower; small steps: linear."""
+    large = dataclasses.replace(SENSOR, filter="large_signal")
+    alone = dataclasses.replace(large, follower_hz=0.0)
+    one, two = expected.time_constants_s(large, 100.0)
+    for share in (0.1, 0.5, 0.9):
+        for step in (0.7, 3.0):
+            left = math.expm1((1.0 - share) * step) / math.expm1(step)
+            t = expected.step_time_s(alone, 100.0, share, step)
+            assert math.isclose(t, -one * math.log(left), rel_tol=1e-9)
+            t, dt = 0.0, 1e-4 * min(one, two)
+            y = f = 0.0
+            while f < share * step:
+                f += dt / two * (y - f)
+                y += dt / one * (1.0 - math.exp(y - step))
+                t += dt
+            assert math.isclose(expected.step_time_s(large, 100.0, share, step), t, rel_tol=1e-3)
+        linear = expected.step_time_s(SENSOR, 100.0, share)
+        assert math.isclose(expected.step_time_s(large, 100.0, share, 1e-4), linear, rel_tol=1e-4)
+
+
 def test_step_time_of_two_poles_is_that_of_the_equation() -> None:
     one, two = expected.time_constants_s(SENSOR, 100.0)
     for share in (0.1, 0.5, 0.9):

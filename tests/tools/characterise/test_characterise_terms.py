@@ -67,6 +67,9 @@ ALL: dict[str, Any] = {
 }
 """Every term together."""
 
+LARGE = {"log": "ln", "filter": "large_signal", "dark_lux": 0.1, "dim_lux": 0.1}
+"""the photoreceptor of silicon"""
+
 
 def bench(seed: int = 1, side: int = 200, **terms: Any) -> Bench:
     """200 x 200 pixels, the 40,000 that the issue asks for."""
@@ -296,6 +299,7 @@ def test_a_slow_follower_blurs_the_refractory_period_and_the_bench_says_so() -> 
             ({"follower_hz": 400.0}, 100.0),
             ({"cutoff_hz": 500.0, "follower_hz": 600.0}, 1000.0),
             ({"cutoff_hz": 500.0, "follower_hz": 600.0}, 20_000.0),
+            ({"cutoff_hz": 200.0, **LARGE}, 1000.0),
             (ALL, 30.0),
         ],
     ),
@@ -330,6 +334,8 @@ def test_bandwidth_is_found_wherever_it_is(monkeypatch: pytest.MonkeyPatch) -> N
             ({"cutoff_hz": 200.0, "shot_noise_rate_hz": 5.0}, 30.0),
             ({"latency_us": 40.0, "latency_sigma_us": 6.0}, 1000.0),
             ({"cutoff_hz": 200.0, "latency_us": 100.0, "latency_sigma_us": 20.0}, 100.0),
+            ({"cutoff_hz": 200.0, **LARGE}, 100.0),
+            ({"cutoff_hz": 200.0, "follower_hz": 500.0, **LARGE}, 1000.0),
             (ALL, 30.0),
         ],
     ),
