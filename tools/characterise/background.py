@@ -295,6 +295,8 @@ def background_results(sensor: SensorParameters, found: Sequence[Background]) ->
     for at in found:
         note = "the high pass takes part of it" if sensor.highpass_hz else ""
         note = "lost in shot noise" if math.isnan(at.leak[0]) else note
+        if sensor.has_hot_pixels and at.shot[0] > 0.1 * at.leak[0]:
+            note = "noise hides part of the hot tail"
         promised = leak_rate_hz(sensor, at.lux, _of_tail(sensor, at))
         results.append(Quantity("leak rate", "Hz", *at.leak, promised, at.lux, note))
     last = min(found, key=lambda at: at.on[0] + at.off[0])
