@@ -152,6 +152,10 @@ void pixels_survive_any_light() {
         t.settings.running_mean = true;
       },
       [](Terms& t) { t.settings.map = LogMap::physical(255, 0.1f); },
+      [](Terms& t) {
+        t.settings.lowpass_low = 1e-5, t.settings.lowpass_slope = 1e-6;
+        t.settings.euler = false, t.settings.large_signal = true;
+      },
   };
   Terms all;
   survives(all);
