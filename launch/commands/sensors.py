@@ -36,6 +36,8 @@ COLUMNS = {
     "bandwidth, Hz": ("cutoff_hz", "{:g}"),
     "follower, Hz": ("follower_hz", "{:g}"),
     "leak, Hz": ("leak_rate_hz", "{:g}"),
+    "leak by light, Hz": ("parasitic_leak_hz", "{:g}"),
+    "hot tail, Hz": ("hot_leak_median_hz", "{:g}"),
     "noise in the dark, Hz": ("shot_noise_rate_hz", "{:g}"),
     "refractory, s": ("refractory_period_s", "{:g}"),
     "dark current, lux": ("dark_lux", "{:g}"),

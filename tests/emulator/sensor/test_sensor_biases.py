@@ -227,7 +227,8 @@ def test_a_parameter_that_is_given_wins_over_the_biases() -> None:
     both = resolve_sensor(SensorConfig("imx636", biases=biases))
     one = resolve_sensor(SensorConfig("imx636", pos_thres=0.3, biases=biases))
     # and the leak, which goes with the threshold, is the preset's then
-    assert one == replace(both, pos_thres=0.3, leak_rate_hz=0.1)
+    leaks = {"leak_rate_hz": 0.015, "parasitic_leak_hz": 0.06, "hot_leak_median_hz": 0.0045}
+    assert one == replace(both, pos_thres=0.3, **leaks)
     assert both.pos_thres != resolve_sensor(SensorConfig("imx636")).pos_thres
     # a threshold that no bias moves leaves the leak alone, too
     assert changed("imx636", "pos_thres", bias_diff_on=50) == EVERY

@@ -68,12 +68,17 @@ def test_ideal_has_nothing_that_a_chip_has() -> None:
 @pytest.mark.parametrize("name", sorted(set(SIZES) - NO_CHIP))
 def test_a_chip_has_noise_speed_and_a_floor(name: str) -> None:
     chip = resolve_sensor(SensorConfig(name))
-    # leak of about one event in ten seconds, and little noise in light: of ON + OFF at white
-    assert 0.02 < chip.leak_rate_hz < 0.5
+    # the log of photocurrent and dark current, and a photoreceptor of silicon
+    assert (chip.log, chip.filter) == ("ln", "large_signal")
+    # leak of about one event in ten seconds: the usual one, the tail's below 5 Hz, that of light
+    leak = chip.leak_rate_hz + 0.0753 / 0.0045 * chip.hot_leak_median_hz
+    leak += 0.161 * chip.parasitic_leak_hz
+    assert 0.02 < leak < 0.5
+    # and little noise in light: of ON + OFF at white
     bright, dim = chip.shot_noise_bright, chip.dim_lux
     white = chip.shot_noise_rate_hz * (bright + (1 - bright) * dim / (dim + chip.white_lux))
     assert chip.shot_noise_law == "inverse"
-    assert 0.0 < white < 0.01 * chip.leak_rate_hz < chip.shot_noise_rate_hz
+    assert 0.0 < white < 0.02 * leak < chip.shot_noise_rate_hz
     # bandwidth follows the photocurrent, of which the dark current is the rest
     assert chip.dim_lux == chip.dark_lux > 0.0
     # thresholds spread, and so much that none falls to the floor of 0.01
@@ -99,7 +104,8 @@ def test_v2e_has_the_pixel_of_v2e() -> None:
 def test_bandwidth_gives_the_latency_that_the_maker_tells(name: str) -> None:
     chip = resolve_sensor(SensorConfig(name))
     tau_s = 1 / (2 * math.pi * chip.cutoff_hz)
-    latency_s = tau_s * math.log(math.log(2) / (math.log(2) - chip.pos_thres))
+    # of the large-signal photoreceptor
+    latency_s = -tau_s * math.log(2 * math.exp(-chip.pos_thres) - 1)
     assert latency_s == pytest.approx(LATENCY_US[name] * 1e-6, rel=0.01)
 
 
@@ -108,9 +114,9 @@ def test_configuration_overrides_the_preset() -> None:
     assert (sensor.width, sensor.height, sensor.pos_thres, sensor.log) == (64, 720, 0.5, "log_eps")
 
 
-def test_default_sensor_is_davis346_on_the_papers_log_map() -> None:
+def test_default_sensor_is_davis346_on_the_log_of_silicon() -> None:
     sensor = resolve_sensor(SensorConfig())
-    assert (sensor.name, sensor.log, sensor.linlog_dn) == ("davis346", "linlog", math.e)
+    assert (sensor.name, sensor.log, sensor.linlog_dn) == ("davis346", "ln", math.e)
     assert sensor.exposure_dn == 255.0
 
 
