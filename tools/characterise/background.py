@@ -312,6 +312,14 @@ def background_results(sensor: SensorParameters, found: Sequence[Background]) ->
     return results
 
 
+def usual_leak_hz(sensor: SensorParameters, found: Sequence[Background], lux: float) -> float:
+    """Leak at an illuminance, mean over the pixels that are not hot at the nearest measurement."""
+    if not found:
+        return leak_rate_hz(sensor, lux)
+    nearest = min(found, key=lambda at: abs(math.log(at.lux / lux)))
+    return leak_rate_hz(sensor, lux, _of_tail(sensor, nearest))
+
+
 def _of_tail(sensor: SensorParameters, at: Background) -> float:
     """What a pixel's part of the hot tail must exceed to be hot, Hz; the rest is usual."""
     return at.hot_hz - leak_rate_hz(sensor, at.lux, 0.0) - shot_rate_hz(sensor, at.lux)

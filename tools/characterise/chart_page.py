@@ -15,6 +15,7 @@ from evs.drivers.pictures.pen import RGB
 from evs.drivers.pictures.scales import Scale, decades_around
 from evs.drivers.pictures.text_lines import paste, text_line
 from evs.tools.characterise import Characterisation, Quantity, SCurve, expected
+from evs.tools.characterise.background import usual_leak_hz
 from evs.tools.characterise.fit import normal_cdf
 
 CHART_PX = (520, 400)
@@ -163,8 +164,8 @@ def _background(found: Characterisation) -> Chart:
     results = found.background_results()
     sensor, grid = found.sensor, _lux_grid()
     lines = [
-        Series(grid, [expected.leak_rate_hz(sensor, lux) for lux in grid], _pale(LEAK_RGB),
-               line=True),
+        Series(grid, [usual_leak_hz(sensor, found.background, lux) for lux in grid],
+               _pale(LEAK_RGB), line=True),
         Series(grid, [expected.shot_rate_hz(sensor, lux) for lux in grid], _pale(SHOT_RGB),
                line=True),
     ]  # fmt: skip
