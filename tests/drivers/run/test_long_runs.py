@@ -42,7 +42,12 @@ STILL = """
 """
 
 
-NO_NOISE = {"leak_rate_hz": 0.0, "shot_noise_rate_hz": 0.0, "hot_leak_median_hz": 0.0}
+NO_NOISE = {
+    "leak_rate_hz": 0.0,
+    "shot_noise_rate_hz": 0.0,
+    "hot_leak_median_hz": 0.0,
+    "parasitic_leak_hz": 0.0,
+}
 
 
 def test_a_still_scene_is_silent_for_a_thousand_ticks() -> None:

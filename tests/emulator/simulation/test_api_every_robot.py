@@ -10,7 +10,9 @@ from evs.emulator.config import SensorConfig
 
 pytestmark = pytest.mark.integration
 
-QUIET = SensorConfig(leak_rate_hz=0.0, shot_noise_rate_hz=0.0, hot_leak_median_hz=0.0)
+QUIET = SensorConfig(
+    leak_rate_hz=0.0, shot_noise_rate_hz=0.0, hot_leak_median_hz=0.0, parasitic_leak_hz=0.0
+)
 
 
 @pytest.mark.slow
