@@ -61,6 +61,12 @@ FEATURES = (
     Feature("parasitic_leak", "sensor", "references that sink faster in bright light"),
     Feature("shot_noise", "sensor", "events out of nothing"),
     Feature(
+        "photon_noise",
+        "sensor",
+        "noise of the photocurrent in front of the comparators",
+        "without a photocurrent it has no strength",
+    ),
+    Feature(
         "refractory",
         "sensor",
         "pixels that are blind after an event",

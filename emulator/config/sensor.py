@@ -247,6 +247,20 @@ class PixelKeys(Generic[Unset]):
         choices=("linear", "inverse"),
         noun="law of shot noise",
     )
+    photocurrent_pa: float | Unset = parameter(
+        0.0,
+        "photocurrent of a pixel at bright_lux; its shot noise, band-limited by the pixel's poles, "
+        "is in the log light that the comparators see; 0: no such noise",
+        unit="pA",
+        within=(0.0, 1e6),
+        term="photon_noise",
+    )
+    photon_noise_factor: float | Unset = parameter(
+        2.0,
+        "power of that noise over the shot noise of the photocurrent alone; a photoreceptor has at "
+        "least 2",
+        within=(1e-3, 1e6),
+    )
     noise_rate_cov_decades: float | Unset = parameter(
         0.0,
         "spread of the leak and shot-noise rates over pixels: standard deviation of their log10",

@@ -68,6 +68,8 @@ MIN_DARK_DN = 1e-12
 MIN_RATE_HZ = 1e-9
 """Once in 30 years; lower ones would be denormal float32 in short ticks."""
 
+ELECTRON_C = 1.602176634e-19
+
 
 REFERENCE_C = 25.0
 """the temperature at which dark current and leak are specified"""
@@ -175,6 +177,17 @@ class SensorParameters(PixelKeys[Never], _Named):
                 "sensor.log is ln, but sensor.dark_lux is 0 and black has no logarithm; "
                 "give sensor.dark_lux, or sensor.log=linlog"
             )
+        if self.photocurrent_pa > 0.0:
+            if self.dark_lux <= 0.0:
+                raise EvsError(
+                    "sensor.photocurrent_pa needs a dark current, or its noise has no bound in the "
+                    "dark; set sensor.dark_lux over 0, or photocurrent_pa=0"
+                )
+            if self.cutoff_hz == self.follower_hz == 0.0:
+                raise EvsError(
+                    "sensor.photocurrent_pa needs a bandwidth that limits its noise; set "
+                    "sensor.cutoff_hz or sensor.follower_hz, or photocurrent_pa=0"
+                )
         scan = self.readout
         if scan.order == "scan" and self.width * scan.scan_column_ns > scan.scan_us * 1000:
             raise EvsError(
@@ -206,6 +219,16 @@ class SensorParameters(PixelKeys[Never], _Named):
     def dark_dn(self) -> float:
         """Dark current at the temperature of the chip, DN."""
         return self.dark_current_lux / self.lux_per_dn
+
+    @property
+    def photon_scale_us(self) -> float:
+        """Variance of the photon noise, log units squared, times DN over its bandwidth, us."""
+        if self.photocurrent_pa == 0.0:
+            return 0.0
+        electrons_per_us = self.photocurrent_pa * 1e-12 / ELECTRON_C * 1e-6
+        per_dn = electrons_per_us * self.lux_per_dn / self.bright_lux
+        # one-sided density of the log: 2 factor / electrons; a pole w passes w / 4 of it
+        return 2.0 * self.photon_noise_factor / per_dn / 4.0
 
     @property
     def has_hot_pixels(self) -> bool:

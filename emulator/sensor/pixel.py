@@ -197,6 +197,7 @@ class PlainModel:
             shot_offset=sensor.dim_lux / span_lux,
             shot_dim_dn=sensor.dim_lux / sensor.lux_per_dn,
             aps_crosstalk=sensor.aps.crosstalk if self._row_reads else 0.0,
+            photon_scale=sensor.photon_scale_us,
             seed=seed,
         )
         return _core.PixelArray(
@@ -260,6 +261,9 @@ _FRAMES = {
     "filtered": np.float32,
     "followed": np.float32,
     "blind_until": np.int64,
+    "noise_budget": np.float64,
+    "noise_mean": np.float32,
+    "noise_memory": np.float32,
     "mean": np.float32,
     "noise": np.float32,
     "drift": np.float32,
@@ -301,6 +305,12 @@ class PlainState:
     """(h, w) after the source follower's"""
     blind_until: I64 | None = None
     """(h, w) by the sensor's clock, us, of pixels that are or were blind"""
+    noise_budget: F64 | None = None
+    """(h, w) hazard of the photon noise that is left up to the next event, a multiple of 2^-46"""
+    noise_mean: F32 | None = None
+    """(h, w) what the last event tells of the photon noise: its mean now, log units"""
+    noise_memory: F32 | None = None
+    """(h, w) correlation of the photon noise now with that at the last event, 0 ... 1"""
     mean: F32 | None = None
     """(h, w) running mean of the luminance (model adaptive); NaN before a pixel's first light"""
     noise: F32 | None = None
@@ -351,6 +361,8 @@ class PlainState:
         add(terms.low_pass, zeros, "filtered")
         add(terms.follower, zeros, "followed")
         add(terms.refractory, np.zeros(shape, np.int64), "blind_until")
+        add(terms.photon_noise, np.zeros(shape, np.float64), "noise_budget")
+        add(terms.photon_noise, zeros, "noise_mean", "noise_memory")
         add(terms.running_mean, zeros * np.float32(np.nan), "mean")
         add(terms.running_mean, zeros, "noise", "drift")
         lazy = terms.leaks or filters or terms.refractory or terms.running_mean

@@ -36,6 +36,8 @@ class Term(IntEnum):
     """of a network: V(0)"""
     REFRACTORY = 8
     HOT_LEAK = 9
+    PHOTON_NOISE = 10
+    """in core/sensor/photon_noise.h, of a pixel, by the times of its events"""
     LATENCY = 64
     """in core/sensor/readout.h, of an event: pixel, time and polarity"""
     ARBITER = 65

@@ -45,6 +45,7 @@ class SensorTerms:
     leak: bool
     parasitic_leak: bool
     shot_noise: bool
+    photon_noise: bool
     refractory: bool
     refractory_spread: bool
     running_mean: bool

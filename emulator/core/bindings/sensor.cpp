@@ -54,7 +54,7 @@ PixelSettings make_settings(const std::string& log, float exposure_dn, float dar
                             bool causes, float noise_gain, float drift_gain, float least_gain,
                             float noise_weight, double shot_bright, bool shot_inverse,
                             double shot_slope, double shot_offset, double shot_dim_dn,
-                            double aps_crosstalk, uint64_t seed) {
+                            double aps_crosstalk, double photon_scale, uint64_t seed) {
   PixelSettings settings;
   settings.aps_crosstalk = aps_crosstalk;
   settings.map = make_log_map(log, exposure_dn, dark_dn, linlog_dn, log_eps);
@@ -78,6 +78,8 @@ PixelSettings make_settings(const std::string& log, float exposure_dn, float dar
   settings.shot.slope = shot_slope;
   settings.shot.offset = shot_offset;
   settings.shot.dim_dn = shot_dim_dn;
+  settings.photon.key = hash(seed, kTermPhotonNoise + 1);
+  settings.photon.scale = photon_scale;
   return settings;
 }
 
@@ -112,6 +114,9 @@ class BoundPixels {
     if ((settings_.shot.on == nullptr) != (settings_.shot.off == nullptr)) {
       throw std::invalid_argument("shot noise has rates of both polarities");
     }
+    if (settings_.photon.scale > 0.0 && !settings_.lowpass() && settings_.follower == 0.0) {
+      throw std::invalid_argument("photon noise needs a pole");
+    }
     has_leak_ = pattern.leak != nullptr;
     array_ = std::make_unique<PixelArray>(settings_, pattern, width, height, threads, isa);
   }
@@ -120,9 +125,11 @@ class BoundPixels {
                  int64_t ticks, Array<double, 2> reference, Array<float, 2> last_log,
                  Array<float, 2> last_luminance, MaybeFrame<float> filtered,
                  MaybeFrame<float> followed, MaybeFrame<int64_t> blind_until,
-                 MaybeFrame<float> mean, MaybeFrame<float> noise, MaybeFrame<float> drift,
-                 MaybeBlocks due_us, MaybeBlocks since_us, MaybeBlocks shot_next,
-                 MaybeBlocks shot_count, std::optional<Array<const int32_t, 2>> row_reads) {
+                 MaybeFrame<double> noise_budget, MaybeFrame<float> noise_mean,
+                 MaybeFrame<float> noise_memory, MaybeFrame<float> mean, MaybeFrame<float> noise,
+                 MaybeFrame<float> drift, MaybeBlocks due_us, MaybeBlocks since_us,
+                 MaybeBlocks shot_next, MaybeBlocks shot_count,
+                 std::optional<Array<const int32_t, 2>> row_reads) {
     PixelArrays arrays;
     arrays.reference = pixels(reference);
     arrays.last_log = pixels(last_log);
@@ -130,6 +137,10 @@ class BoundPixels {
     arrays.filtered = needed(settings_.lowpass(), pixels(filtered));
     arrays.followed = needed(settings_.follower > 0.0, pixels(followed));
     arrays.blind_until = needed(settings_.refractory > 0, pixels(blind_until));
+    const bool photon = settings_.photon.scale > 0.0;
+    arrays.noise_budget = needed(photon, pixels(noise_budget));
+    arrays.noise_mean = needed(photon, pixels(noise_mean));
+    arrays.noise_memory = needed(photon, pixels(noise_memory));
     arrays.running_mean.mean = needed(settings_.running_mean, pixels(mean));
     arrays.running_mean.noise = needed(settings_.running_mean, pixels(noise));
     arrays.running_mean.drift = needed(settings_.running_mean, pixels(drift));
@@ -258,7 +269,7 @@ void bind_sensor(nb::module_& m) {
            nb::arg("least_gain") = 0.0f, nb::arg("noise_weight") = 0.0f,
            nb::arg("shot_bright") = 1.0, nb::arg("shot_inverse") = false,
            nb::arg("shot_slope") = 0.0, nb::arg("shot_offset") = 0.0, nb::arg("shot_dim_dn") = 0.0,
-           nb::arg("aps_crosstalk") = 0.0, nb::arg("seed") = 0,
+           nb::arg("aps_crosstalk") = 0.0, nb::arg("photon_scale") = 0.0, nb::arg("seed") = 0,
            "Terms at zero are off.\n"
            "\n"
            "Args:\n"
@@ -271,7 +282,8 @@ void bind_sensor(nb::module_& m) {
            "        its slope per DN.\n"
            "    follower, highpass: 2 pi f, 1 / us.\n"
            "    causes: Whether events hold their cause.\n"
-           "    aps_crosstalk: By how much the read of a row lifts the signal, log units.");
+           "    aps_crosstalk: By how much the read of a row lifts the signal, log units.\n"
+           "    photon_scale: Of photon noise, variance times DN over bandwidth, us.");
   nb::class_<BoundPixels>(
       m, "PixelArray",
       "Event pixels with a fixed pattern (emulator/sensor/pixel.py). The caller\n"
@@ -302,6 +314,9 @@ void bind_sensor(nb::module_& m) {
            nb::arg("filtered").noconvert().none() = nb::none(),
            nb::arg("followed").noconvert().none() = nb::none(),
            nb::arg("blind_until").noconvert().none() = nb::none(),
+           nb::arg("noise_budget").noconvert().none() = nb::none(),
+           nb::arg("noise_mean").noconvert().none() = nb::none(),
+           nb::arg("noise_memory").noconvert().none() = nb::none(),
            nb::arg("mean").noconvert().none() = nb::none(),
            nb::arg("noise").noconvert().none() = nb::none(),
            nb::arg("drift").noconvert().none() = nb::none(),

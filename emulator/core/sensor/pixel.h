@@ -13,6 +13,7 @@
 #include "aps_crosstalk.h"
 #include "log_map.h"
 #include "lowpass.h"
+#include "photon_noise.h"
 #include "running_mean.h"
 #include "shot_noise.h"
 
@@ -38,6 +39,7 @@ struct PixelSettings {
   bool causes = false;         // events hold their cause
   double aps_crosstalk = 0.0;  // of the read of a row of a frame, log units
   ShotNoise shot;
+  PhotonNoise photon;
 
   bool lowpass() const { return lowpass_low > 0.0 || lowpass_slope > 0.0; }
 };
@@ -61,6 +63,10 @@ struct PixelArrays {
   float* filtered = nullptr;        // photoreceptor output
   float* followed = nullptr;        // source follower output
   int64_t* blind_until = nullptr;   // end of the refractory period, us of the sensor's clock
+  // photon noise; null: off
+  double* noise_budget = nullptr;  // hazard up to the next event, a multiple of 2^-46
+  float* noise_mean = nullptr;     // of the noise, log units
+  float* noise_memory = nullptr;   // correlation with the noise at the last event
   RunningMean running_mean;
   // of each block, us of the sensor's clock
   int64_t* due_us = nullptr;    // no event before this time if light is constant
@@ -92,6 +98,7 @@ struct PixelStep {
   float lowpass_low;    // z at DN 0
   float lowpass_slope;  // z per DN
   float follower_z;
+  float photon_scale;  // sigma^2 DN / z
   LowpassStep follower;
   LowpassStep highpass;
 };
@@ -112,6 +119,7 @@ inline PixelStep prepare_step(const PixelSettings& settings, const PixelPattern&
           in_a_tick(settings.lowpass_low),
           in_a_tick(settings.lowpass_slope),
           follower_z,
+          static_cast<float>(settings.photon.scale / tick.us),
           lowpass_step(follower_z),
           lowpass_step(in_a_tick(settings.highpass))};
 }

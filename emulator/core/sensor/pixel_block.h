@@ -12,9 +12,34 @@
 #include <limits>
 #include <vector>
 
+#include "noise_budgets.h"
+#include "noisy_comparator.h"
 #include "pixel_front_end.h"
 
 namespace evs {
+
+// The photon noise of a pixel at this light.
+inline NoiseBand noise_at(const PixelSettings& settings, float dn) {
+  const double photoreceptor =
+      settings.lowpass() ? settings.lowpass_low + settings.lowpass_slope * dn : 0.0;
+  return noise_band(photoreceptor, settings.follower, settings.photon.scale, dn);
+}
+
+inline NoiseDraws noise_draws(const PixelSettings& settings, size_t pixel) {
+  return {hash(settings.photon.key, pixel + 1)};
+}
+
+// Photon noise from the first light on: the noise is known, and in the reference.
+inline double first_noise(const PixelStep& step, size_t pixel, float dn) {
+  const PixelArrays& arrays = step.arrays;
+  NoiseDraws draws = noise_draws(step.settings, pixel);
+  const int64_t us = step.tick.begin_us + step.tick.us;
+  const double noise = noise_at(step.settings, dn).sigma * draws.standard_normal(us);
+  arrays.noise_mean[pixel] = static_cast<float>(noise);
+  arrays.noise_memory[pixel] = 1.0f;
+  arrays.noise_budget[pixel] = draws.renew(us);
+  return noise;
+}
 
 // The comparators of a pixel in any state: at a threshold, without a reference, or with noise.
 template <bool NOISY>
@@ -25,7 +50,8 @@ void compare(const PixelStep& step, size_t pixel, float from, float to, float dn
   if (reference != reference && arrays.last_log[pixel] != arrays.last_log[pixel]) {
     // start from the first light
     const double phase = pattern.phase == nullptr ? 0.0 : pattern.phase[pixel];
-    arrays.reference[pixel] = on_grid(to - phase);
+    const double noise = arrays.noise_budget == nullptr ? 0.0 : first_noise(step, pixel, dn);
+    arrays.reference[pixel] = on_grid(to - phase + noise);
     return;
   }
   Comparators comparators;
@@ -49,7 +75,24 @@ void compare(const PixelStep& step, size_t pixel, float from, float to, float dn
     comparators.shot_off = step.settings.shot.off[pixel];
     comparators.rate_scale = step.settings.shot.rate_scale(dn);
   }
-  comparators.run<NOISY>(static_cast<uint32_t>(pixel % kBlock), shots, out);
+  const uint32_t index = static_cast<uint32_t>(pixel % kBlock);
+  if (arrays.noise_budget != nullptr) {
+    const bool leaks = pattern.leak != nullptr;
+    NoisyComparators noisy(comparators, noise_at(step.settings, dn),
+                           noise_draws(step.settings, pixel));
+    noisy.leak = leaks ? leak_rate(step, pixel, dn) : 0.0;
+    noisy.still = from == to && step.settings.highpass == 0.0;
+    noisy.budget = arrays.noise_budget[pixel];
+    noisy.mean = arrays.noise_mean[pixel];
+    noisy.memory = arrays.noise_memory[pixel];
+    noisy.run<NOISY>(index, shots, out);
+    arrays.noise_budget[pixel] = noisy.budget;
+    arrays.noise_mean[pixel] = static_cast<float>(noisy.mean);
+    arrays.noise_memory[pixel] = static_cast<float>(noisy.memory);
+    comparators = noisy.pixel;
+  } else {
+    comparators.run<NOISY>(index, shots, out);
+  }
   arrays.reference[pixel] = comparators.reference;
   const bool is_refractory = comparators.reference != comparators.reference;
   if (is_refractory) arrays.blind_until[pixel] = comparators.blind_until;
@@ -101,6 +144,47 @@ EVS_ALWAYS_INLINE void compare_simple(const PixelStep& step, size_t pixel, float
   step.arrays.reference[pixel] = r - drift;
 }
 
+// The photon noise of a still pixel from `from_us` on.
+inline StillNoise still_noise(const PixelStep& step, size_t pixel, double signal, float dn,
+                              int64_t from_us) {
+  const double leak = step.pattern.leak == nullptr ? 0.0 : leak_rate(step, pixel, dn);
+  return {noise_at(step.settings, dn),
+          signal,
+          step.pattern.theta_on[pixel],
+          step.pattern.theta_off[pixel],
+          leak,
+          step.arrays.reference[pixel],
+          from_us};
+}
+
+// For how long the budget of a still pixel lasts for certain, us after `end_us`.
+inline double noise_lasts(const PixelStep& step, size_t pixel, double signal, float dn,
+                          int64_t end_us) {
+  const StillNoise still = still_noise(step, pixel, signal, dn, end_us);
+  for (int64_t us = int64_t{1} << 24; us > 500; us >>= 2) {
+    if (still.bound(end_us + us) < step.arrays.noise_budget[pixel]) return static_cast<double>(us);
+  }
+  return 0.0;
+}
+
+// Use up the budgets in the ticks in which the block was skipped, at the light and the references
+// of those ticks.
+EVS_ALWAYS_INLINE void use_up_skipped_budgets(const PixelStep& step, size_t first, size_t count) {
+  const PixelArrays& arrays = step.arrays;
+  if (arrays.noise_budget == nullptr) return;
+  const int64_t since_us = arrays.since_us[first / kBlock];
+  if (since_us == step.tick.begin_us) return;
+  const float* light =
+      (step.settings.running_mean ? arrays.running_mean.mean : arrays.last_luminance);
+  const float* signal = step.settings.follower > 0.0 ? arrays.followed : arrays.filtered;
+  for (size_t i = first; i < first + count; i++) {
+    if (!(arrays.reference[i] == arrays.reference[i])) continue;
+    const float dn = to_dn(step.settings.map, light[i]);
+    const StillNoise still = still_noise(step, i, signal[i], dn, since_us);
+    still.run(step.tick.begin_us, arrays.noise_budget[i], noise_draws(step.settings, i));
+  }
+}
+
 // Time by the sensor's clock up to which a block has no event if its light is constant and its
 // filters have settled.
 inline int64_t quiet_until(const PixelStep& step, size_t first, size_t count, const float* signal,
@@ -111,6 +195,9 @@ inline int64_t quiet_until(const PixelStep& step, size_t first, size_t count, co
   int64_t refractory_end = std::numeric_limits<int64_t>::max();
   for (size_t i = 0; i < count; i++) {
     const double r = step.arrays.reference[first + i];
+    if (step.arrays.noise_memory != nullptr && step.arrays.noise_memory[first + i] > 0.0f) {
+      return end;
+    }
     if (r != r) {
       // refractory: until its end
       const bool refractory = step.arrays.blind_until != nullptr && signal[i] == signal[i];
@@ -118,6 +205,11 @@ inline int64_t quiet_until(const PixelStep& step, size_t first, size_t count, co
         refractory_end = step.arrays.blind_until[first + i];
       }
       continue;
+    }
+    // photon noise: as long as the budget lasts for certain
+    if (step.arrays.noise_budget != nullptr) {
+      const double lasts = noise_lasts(step, first + i, signal[i], dn[i], end);
+      soonest = lasts < soonest ? lasts : soonest;
     }
     // leaking: until the reference is a threshold below the signal
     if (step.pattern.leak == nullptr) continue;
@@ -172,7 +264,8 @@ EVS_ALWAYS_INLINE bool accepts(const PixelStep& step, size_t first, const ShotCa
 
 // Pixels [first, first + count) of one block. Out: pixels with unusable luminance.
 EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t count, Scratch& s,
-                                    std::vector<ShotCandidate>& shots, std::vector<Crossing>& out) {
+                                    BudgetScratch& budgets, std::vector<ShotCandidate>& shots,
+                                    std::vector<Crossing>& out) {
   const PixelArrays& arrays = step.arrays;
   const size_t block = first / kBlock;
   const int64_t end_us = step.tick.begin_us + step.tick.us;
@@ -201,6 +294,7 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
   }
 
   // front end
+  use_up_skipped_budgets(step, first, count);
   apply_skipped_leak(step, first, count);
   const size_t clamped = log_intensity(step, first, count, s, seen.safe, changed);
   const Signal signal = limit_bandwidth(step, first, count, s, changed);
@@ -209,17 +303,6 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
   double* reference = arrays.reference + first;
   const float* theta_on = step.pattern.theta_on + first;
   const float* theta_off = step.pattern.theta_off + first;
-  uint64_t at_threshold = 0;
-  if (drifts) {
-    reference_drift(step, first, count, signal, s, changed);
-    at_threshold =
-        pixels_at_threshold<true>(theta_on, theta_off, signal.to, s.drift, s.reference, count);
-    // the references sink; those of pixels at a threshold are overwritten below
-    for (size_t i = 0; i < count; i++) reference[i] = s.reference[i] - s.drift[i];
-  } else {
-    at_threshold =
-        pixels_at_threshold<false>(theta_on, theta_off, signal.to, nullptr, reference, count);
-  }
   uint64_t noisy = 0;
   uint64_t read = 0;
   for (const ShotCandidate& shot : shots) {
@@ -229,6 +312,25 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
     } else if (accepts(step, first, shot, s.dn[shot.pixel])) {
       noisy |= bit;
     }
+  }
+  uint64_t at_threshold = 0;
+  const bool photon_noise = arrays.noise_budget != nullptr;
+  if (drifts) reference_drift(step, first, count, signal, s, changed);
+  if (photon_noise) {
+    noisy |= read;
+    at_threshold =
+        use_up_budgets(step, first, count, s.dn, signal, drifts ? s.reference : reference,
+                       drifts ? s.drift : nullptr, noisy, budgets);
+  } else if (drifts) {
+    at_threshold =
+        pixels_at_threshold<true>(theta_on, theta_off, signal.to, s.drift, s.reference, count);
+  } else {
+    at_threshold =
+        pixels_at_threshold<false>(theta_on, theta_off, signal.to, nullptr, reference, count);
+  }
+  if (drifts) {
+    // the references sink; those of pixels at a threshold are overwritten below
+    for (size_t i = 0; i < count; i++) reference[i] = s.reference[i] - s.drift[i];
   }
   // of the pixels whose row is read, those without another event that the read may fire
   for (uint64_t left = read & ~(noisy | at_threshold); left != 0; left &= left - 1) {
@@ -256,7 +358,7 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
     const double drift = drifts ? s.drift[i] : 0.0;
     if ((noisy >> i & 1) != 0) {
       compare<true>(step, first + i, signal.from[i], signal.to[i], s.dn[i], r, drift, shots, out);
-    } else if (r != r) {
+    } else if (r != r || photon_noise) {
       compare<false>(step, first + i, signal.from[i], signal.to[i], s.dn[i], r, drift, shots, out);
     } else if (refractory) {
       compare_simple<true>(step, first + i, signal.from[i], signal.to[i], r, drift, out);
@@ -280,13 +382,14 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
 EVS_ALWAYS_INLINE size_t step_pixels(const PixelStep& step, size_t first, size_t last,
                                      std::vector<Crossing>& out) {
   Scratch scratch;
+  BudgetScratch budgets;
   std::vector<ShotCandidate> shots;
   size_t clamped = 0;
   for (; first < last; first += kBlock) {
     const size_t count = last - first < kBlock ? last - first : kBlock;
     // whole blocks are compiled with a constant count
-    clamped += count == kBlock ? step_block(step, first, kBlock, scratch, shots, out)
-                               : step_block(step, first, count, scratch, shots, out);
+    clamped += count == kBlock ? step_block(step, first, kBlock, scratch, budgets, shots, out)
+                               : step_block(step, first, count, scratch, budgets, shots, out);
   }
   return clamped;
 }
