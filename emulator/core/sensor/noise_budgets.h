@@ -78,7 +78,8 @@ EVS_ALWAYS_INLINE void add_hazard(const float* __restrict theta_on,
     const float moving =
         select(x1 < static_cast<float>(kPassed), static_cast<float>(kCertain), b.fallen[i]);
     const float moved = x1 - x0;
-    const uint32_t coarse = (moved > 1.0f) | (moved < -1.0f) ? 1u : 0u;
+    const bool far_away = (x0 >= kFarLevel) & (x1 >= kFarLevel);
+    const uint32_t coarse = ((moved > 1.0f) | (moved < -1.0f)) & !far_away ? 1u : 0u;
     if constexpr (NEARER) {
       b.random[i] = random;
       b.hazard[i] = random + moving;

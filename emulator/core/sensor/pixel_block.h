@@ -50,7 +50,8 @@ void compare(const PixelStep& step, size_t pixel, float from, float to, float dn
   if (reference != reference && arrays.last_log[pixel] != arrays.last_log[pixel]) {
     // start from the first light
     const double phase = pattern.phase == nullptr ? 0.0 : pattern.phase[pixel];
-    const double noise = arrays.noise_budget == nullptr ? 0.0 : first_noise(step, pixel, dn);
+    const bool begins = arrays.noise_budget != nullptr && to == to;  // else there is no light yet
+    const double noise = begins ? first_noise(step, pixel, dn) : 0.0;
     arrays.reference[pixel] = on_grid(to - phase + noise);
     return;
   }

@@ -13,6 +13,7 @@ from evs.emulator.sensor.aps_crosstalk import RowReads
 from evs.emulator.sensor.fixed_pattern import FixedPattern, draw_pattern
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.pixel import BLOCK, PlainState, check_tick
+from evs.emulator.sensor.reference import photon_noise
 from evs.emulator.sensor.reference.comparators import PixelEvent, PixelTick, compare
 from evs.emulator.sensor.reference.filters import bandwidth, follow, share_of_tick, shares
 from evs.emulator.sensor.reference.light import is_light, log_light, to_dn
@@ -66,13 +67,30 @@ class ReferenceModel:
         shots = self._shots(state, pattern, tick_us)
         self._add_row_reads(shots, t_begin_us, t_end_us)
 
+        noisy = np.zeros(dn.shape, bool)
+        if state.noise_budget is not None:
+            shots = {i: of for i, of in shots.items() if self._accepts(of, pattern, dn, i)}
+            candidates = np.zeros(dn.shape, bool)
+            candidates.reshape(-1)[list(shots)] = True
+            noisy = photon_noise.use_up_budgets(
+                self.sensor, pattern, state, dn, (start, end), drift, tick_us, candidates
+            )
+
         events: list[tuple[PixelEvent, int]] = []
         reference = state.reference.reshape(-1)
         for i in range(reference.size):
             if begins.flat[i]:
                 # the first light only sets the reference
                 phase = 0.0 if pattern.phase is None else float(pattern.phase.flat[i])
-                reference[i] = on_grid(float(end.flat[i]) - phase)
+                noise = 0.0
+                if state.noise_budget is not None and not np.isnan(end.flat[i]):
+                    first_us = state.clock_us + tick_us
+                    dn_of_pixel = float(dn.flat[i])
+                    noise = photon_noise.first_noise(self.sensor, state, i, dn_of_pixel, first_us)
+                reference[i] = on_grid(float(end.flat[i]) - phase + noise)
+                continue
+            if state.noise_budget is not None and not noisy.flat[i]:
+                reference[i] -= float(drift.flat[i])
                 continue
             pixel = PixelTick(
                 on=float(pattern.on.flat[i]),
@@ -101,7 +119,12 @@ class ReferenceModel:
                 share = shot_share(self.sensor, float(dn.flat[i]))
                 on, off = float(pattern.shot_on.flat[i]), float(pattern.shot_off.flat[i])
                 pixel = replace(pixel, shot_on_hz=on * share, shot_hz=(on + off) * share)
-            found, reference[i], blind_until_us = compare(pixel)
+            if state.noise_budget is None:
+                found, reference[i], blind_until_us = compare(pixel)
+            else:
+                found, reference[i], blind_until_us = photon_noise.step_pixel(
+                    self.sensor, pattern, state, i, dn, pixel
+                )
             events += [(event, i) for event in found]
             if state.blind_until is not None:
                 state.blind_until.reshape(-1)[i] = blind_until_us
@@ -209,6 +232,16 @@ class ReferenceModel:
                 found.append(Candidate(pixel % BLOCK, offset_us, ROW_READ))
                 found.sort(key=lambda shot: shot.offset_us)
 
+    def _accepts(self, shots: list[Candidate], pattern: FixedPattern, dn: F32, i: int) -> bool:
+        """Whether some candidate of pixel i is a row read, or below its rate at this light."""
+        if any(shot.lot_hz == ROW_READ for shot in shots):
+            return True
+        assert pattern.shot_on is not None
+        assert pattern.shot_off is not None
+        rate_hz = float(pattern.shot_on.flat[i]) + float(pattern.shot_off.flat[i])
+        share = shot_share(self.sensor, float(dn.flat[i]))
+        return any(shot.lot_hz < rate_hz * share for shot in shots)
+
     def _packet(self, events: list[tuple[PixelEvent, int]], t_begin_us: int) -> Events:
         """By time; ties by pixel, then in the order in which the pixel had them."""
         events.sort(key=lambda event: event[0].offset_us)
@@ -233,6 +266,40 @@ def caught_up(sensor: SensorParameters, state: PlainState) -> PlainState:
     pattern = draw_pattern(sensor, state.seed)
     light = state.last_luminance if state.mean is None else state.mean
     owed_us = np.repeat(state.clock_us - state.since_us, BLOCK)[: light.size].reshape(light.shape)
-    state.reference = state.reference - leak(sensor, pattern, to_dn(light, sensor)) * owed_us
+    dn = to_dn(light, sensor)
+    owed = leak(sensor, pattern, dn) * owed_us
+    if state.noise_budget is not None:
+        _use_up_owed_budgets(sensor, pattern, state, dn, owed_us, owed)
+    state.reference = state.reference - owed
     state.since_us[:] = state.due_us[:] = state.clock_us
     return state
+
+
+def _use_up_owed_budgets(
+    sensor: SensorParameters,
+    pattern: FixedPattern,
+    state: PlainState,
+    dn: F32,
+    owed_us: np.ndarray,
+    owed: F64,
+) -> None:
+    """Photon noise of the time for which blocks were left out: no budget ends in it."""
+    signal = state.filtered if state.followed is None else state.followed
+    assert signal is not None
+    for i in range(dn.size):
+        us, reference = int(owed_us.flat[i]), float(state.reference.flat[i])
+        if us == 0 or np.isnan(reference):
+            continue
+        pixel = PixelTick(
+            on=float(pattern.on.flat[i]),
+            off=float(pattern.off.flat[i]),
+            reference=reference,
+            blind_until_us=0,
+            signal=float(signal.flat[i]),
+            signal_end=float(signal.flat[i]),
+            drift=float(owed.flat[i]),
+            begin_us=state.clock_us - us,
+            tick_us=us,
+        )
+        found, _, _ = photon_noise.step_pixel(sensor, pattern, state, i, dn, pixel)
+        assert not found

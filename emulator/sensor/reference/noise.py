@@ -56,19 +56,19 @@ def candidates(
         begin_us: Where the tick begins.
         end_us: Where it ends.
     """
-    key = _hash(_hash(seed % 2**64, Term.SHOT + 1), block + 1)
+    key = hash_bits(hash_bits(seed % 2**64, Term.SHOT + 1), block + 1)
     mean_gap = 1e6 * UNITS / (most_hz * pixels) if most_hz > 0.0 else math.inf
     following, count = clock
     found = []
     while following <= end_us * UNITS:
         # number 0 is no candidate: it is where the clock starts
         if count > 0:
-            bits = _hash(key, 2 * count + 2)
+            bits = hash_bits(key, 2 * count + 2)
             pixel = (bits >> 32) * pixels >> 32
             lot_hz = bits % 2**32 * 2.0**-32 * most_hz
             offset_us = -(-following // UNITS) - begin_us
             found.append(Candidate(pixel, offset_us, lot_hz))
-        gap = _exponential(_hash(key, 2 * count + 1)) * mean_gap
+        gap = exponential(hash_bits(key, 2 * count + 1)) * mean_gap
         following = following + math.ceil(gap) if gap < 2.0**61 else NEVER
         count += 1
     return found, (following, count)
@@ -116,7 +116,7 @@ def on_grid(value: npt.ArrayLike) -> F64:
     return np.asarray((np.asarray(value, np.float64) + 768.0) - 768.0)
 
 
-def _hash(key: int, counter: int) -> int:
+def hash_bits(key: int, counter: int) -> int:
     """64 mixed bits: SplitMix64's step (Steele, Lea, Flood 2014), twice."""
     mixed = (key + counter * 0x9E3779B97F4A7C15) % 2**64
     for _ in range(2):
@@ -126,16 +126,34 @@ def _hash(key: int, counter: int) -> int:
     return mixed
 
 
-def _uniform(bits: int) -> float:
+def uniform(bits: int) -> float:
     """53 of the bits as a number in [0, 1)."""
     return (bits >> 11) * 2.0**-53
 
 
-def _exponential(bits: int) -> float:
-    """-ln of a number in (0, 1], by the series of artanh."""
-    mantissa, exponent = math.frexp(_uniform(bits) + 2.0**-53)
+def exponential(bits: int) -> float:
+    """-ln of a number in (0, 1]."""
+    return max(0.0, -_ln(uniform(bits) + 2.0**-53))
+
+
+def normal(key: int, counter: int) -> float:
+    """A standard normal number from the counters after this one (Box and Muller 1958)."""
+    log = _ln(uniform(hash_bits(key, counter + 1)) + 2.0**-53)
+    turn = uniform(hash_bits(key, counter + 2))
+    # cos(2 pi turn) by its Taylor series
+    half = abs(turn - 0.5)
+    angle = 2.0 * math.pi * min(half, 0.5 - half)
+    series = 0.0
+    for order in range(18, 0, -2):
+        series = (series + 1.0) * (-(angle * angle) / (order * (order - 1)))
+    return math.sqrt(-2.0 * min(log, 0.0)) * ((-1.0 if half <= 0.25 else 1.0) * (series + 1.0))
+
+
+def _ln(value: float) -> float:
+    """By the series of artanh."""
+    mantissa, exponent = math.frexp(value)
     z = (mantissa - math.sqrt(0.5)) / (mantissa + math.sqrt(0.5))
     series = 0.0
     for odd in range(21, 0, -2):
         series = series * (z * z) + 1.0 / odd
-    return max(0.0, -(2.0 * z * series + (exponent - 0.5) * math.log(2.0)))
+    return 2.0 * z * series + (exponent - 0.5) * math.log(2.0)

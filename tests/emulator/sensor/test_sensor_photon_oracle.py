@@ -1,0 +1,115 @@
+"""Photon noise: native gives the oracle's bytes and state, whatever it is combined with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from evs.emulator import _core
+from evs.emulator.base.scene import F32
+from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
+from evs.emulator.sensor.reference import ReferenceModel, caught_up
+from evs.emulator.sensor.running_mean import RunningMeanConstants
+from evs.msgs import EvsError
+
+WIDTH, HEIGHT = 12, 11
+SENSOR = SensorParameters(
+    "test", WIDTH, HEIGHT, 0.2, 0.2, 0.03, log="ln", cutoff_hz=300.0, follower_hz=900.0,
+    dark_lux=1.0, dim_lux=1.0, photocurrent_pa=0.3, leak_rate_hz=2.0, refractory_period_s=2e-4,
+)  # fmt: skip
+TERMS: dict[str, dict[str, Any]] = {
+    "as it is": {},
+    "strong": {"photocurrent_pa": 0.05},
+    "photoreceptor alone": {"follower_hz": 0.0},
+    "follower alone": {"cutoff_hz": 0.0, "follower_hz": 300.0, "photocurrent_pa": 30.0},
+    "large signal": {"filter": "large_signal"},
+    "no leak": {"leak_rate_hz": 0.0},
+    "no refractory period": {"refractory_period_s": 0.0},
+    "long refractory period": {"refractory_period_s": 5e-3},
+    "shot noise": {"shot_noise_rate_hz": 100.0},
+    "high pass": {"highpass_hz": 1.0},
+    "defects": {"parasitic_leak_hz": 5.0, "hot_leak_median_hz": 1.0, "dead_pixel_fraction": 0.1},
+}
+
+
+def films(ticks: int) -> Iterator[tuple[str, list[F32]]]:
+    """Still, moving, moving until it stops, and wild."""
+    x, y = np.arange(WIDTH), np.arange(HEIGHT)[:, None]
+    random = np.random.default_rng(0)
+
+    def wave(k: int) -> F32:
+        return (0.3 + 0.28 * np.sin(0.5 * x + 0.3 * y + 0.05 * k)).astype(np.float32)
+
+    yield "still", [wave(0)] * ticks
+    yield "moving", [wave(k) for k in range(ticks)]
+    yield "stops", [wave(min(k, 10)) for k in range(ticks)]
+    light = np.array([0.0, 1e-3, 0.5, 1.0, 50.0, np.nan], np.float32)
+    yield "wild", [random.choice(light, size=(HEIGHT, WIDTH)) for _ in range(ticks // 4)]
+
+
+@pytest.mark.parametrize("tick_us", [50, 1000, 20_000])
+@pytest.mark.parametrize("terms", TERMS.values(), ids=TERMS)
+def test_native_is_the_oracle(terms: dict[str, Any], tick_us: int) -> None:
+    sensor, events = replace(SENSOR, **terms), 0
+    for film, frames in films(8 if tick_us == 20_000 else 40):
+        events += same_as_oracle(sensor, frames, tick_us, film)
+    assert events > 0
+
+
+def test_native_is_the_oracle_behind_a_running_mean() -> None:
+    for film, frames in films(40):
+        same_as_oracle(SENSOR, frames, 1000, film, RunningMeanConstants())
+
+
+def same_as_oracle(
+    sensor: SensorParameters,
+    frames: list[F32],
+    tick_us: int,
+    film: str,
+    average: RunningMeanConstants | None = None,
+) -> int:
+    """Step both through a film; the number of events."""
+    oracle = ReferenceModel(sensor, average=average, causes=True)
+    models = [
+        PlainModel(sensor, 2, isa, average=average, causes=True) for isa in _core.isa_available()
+    ]
+    expected = oracle.init(5)
+    states: list[PlainState] = [model.init(5) for model in models]
+    events = 0
+    for k, frame in enumerate(frames):
+        span = (k * tick_us, (k + 1) * tick_us)
+        packet, expected = oracle.step(frame, expected, *span)
+        events += len(packet)
+        for i, model in enumerate(models):
+            ours, states[i] = model.step(frame, states[i], *span)
+            assert ours.tobytes() == packet.tobytes(), (film, k)
+            if k % 8 == 7:
+                assert caught_up(sensor, states[i]) == expected, (film, k)
+    return events
+
+
+def test_a_still_block_sleeps_until_its_noise_is_due() -> None:
+    sensor = replace(SENSOR, photocurrent_pa=3.0, leak_rate_hz=0.0)
+    model = PlainModel(sensor, 1)
+    frame = np.full((HEIGHT, WIDTH), 0.3, np.float32)
+    state = model.init(1)
+    for k in range(200):
+        _, state = model.step(frame, state, k * 1000, (k + 1) * 1000)
+    assert state.due_us is not None
+    assert state.due_us.min() > state.clock_us + 100_000
+
+
+@pytest.mark.parametrize(
+    ("terms", "words"),
+    [
+        ({"dark_lux": 0.0, "log": "linlog"}, "photocurrent_pa needs a dark current"),
+        ({"cutoff_hz": 0.0, "follower_hz": 0.0}, "photocurrent_pa needs a bandwidth"),
+    ],
+)
+def test_noise_without_a_bound_is_refused(terms: dict[str, Any], words: str) -> None:
+    with pytest.raises(EvsError, match=words):
+        replace(SENSOR, **terms)
