@@ -178,8 +178,9 @@ def test_a_term_at_zero_draws_no_number_and_has_no_memory(
 
 def test_the_terms_of_the_plan_are_all_here() -> None:
     idle = set(PlainModel(SENSOR).terms.features)
-    # a low pass, a period and a mean cannot be there and do nothing
-    assert idle - {"low_pass", "follower", "refractory", "running_mean"} == {*TERMS}
+    # a low pass, photon noise, a period and a mean cannot be there and do nothing
+    never_idle = {"low_pass", "follower", "photon_noise", "refractory", "running_mean"}
+    assert idle - never_idle == {*TERMS}
 
 
 def test_no_candidate_of_shot_noise_is_drawn_at_zero() -> None:

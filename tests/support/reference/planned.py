@@ -149,6 +149,7 @@ NEEDS = {
     "leak": Film(sensor={"leak_rate_hz": 20.0}),
     "parasitic_leak": Film(sensor={"parasitic_leak_hz": 50.0}),
     "shot_noise": Film(sensor={"shot_noise_rate_hz": 100.0}),
+    "photon_noise": Film(sensor={"photocurrent_pa": 0.1, "dark_lux": 0.1, "follower_hz": 200.0}),
     "refractory": Film(sensor={"refractory_period_s": 0.002}),
     "refractory_spread": Film(
         sensor={"refractory_period_s": 0.002, "refractory_spread_decades": 0.2}
