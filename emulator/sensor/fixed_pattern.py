@@ -80,16 +80,12 @@ def draw_pattern(
     terms = terms or SensorTerms.of(sensor)
 
     def threshold(mean: float, term: Term) -> F64:
-        if not terms.threshold_spread:
-            return np.full(size[::-1], mean)
-        return np.maximum(floor(mean), mean + sensor.sigma_thres * pixel_normals(seed, term, *size))
+        sigma = sensor.sigma_thres if terms.threshold_spread else 0.0
+        return _spread_threshold(mean, sigma, seed, term, size)
 
     def spread(term: Term) -> F64 | float:
-        return log_normal(term, sensor.noise_rate_cov_decades) if terms.rate_spread else 1.0
-
-    def log_normal(term: Term, cov: float) -> F64:
-        mean = math.exp((cov * math.log(10.0)) ** 2 / 2.0)  # of a log-normal number
-        return exp10(cov * pixel_normals(seed, term, *size)) / round(mean, 12)
+        cov = sensor.noise_rate_cov_decades
+        return _log_normal(cov, seed, term, size) if terms.rate_spread else 1.0
 
     on = threshold(sensor.pos_thres, Term.THRESHOLD_ON)
     off = threshold(sensor.neg_thres, Term.THRESHOLD_OFF)
@@ -121,7 +117,8 @@ def draw_pattern(
         values["phase"] = np.where(leaks & ~dead, phase, 0.0)
     arrays = {name: _constant(array, np.float32) for name, array in values.items()}
     if terms.refractory_spread and terms.refractory:
-        relative = log_normal(Term.REFRACTORY, sensor.refractory_spread_decades)
+        cov = sensor.refractory_spread_decades
+        relative = _log_normal(cov, seed, Term.REFRACTORY, size)
         periods = np.floor(relative * sensor.refractory_us + 0.5)
         arrays["refractory_us"] = _constant(np.clip(periods, 1, LONGEST_US), np.uint32)
     if terms.hot_pixels:
@@ -131,6 +128,20 @@ def draw_pattern(
         off=_constant(np.where(dead, np.inf, off), np.float32),
         **arrays,
     )
+
+
+def _spread_threshold(
+    mean: float, sigma: float, seed: int, term: Term, size: tuple[int, int]
+) -> F64:
+    if sigma == 0.0:
+        return np.full(size[::-1], mean)
+    return np.maximum(floor(mean), mean + sigma * pixel_normals(seed, term, *size))
+
+
+def _log_normal(cov: float, seed: int, term: Term, size: tuple[int, int]) -> F64:
+    """Numbers of mean 1 whose log10 has this deviation."""
+    mean = math.exp((cov * math.log(10.0)) ** 2 / 2.0)
+    return exp10(cov * pixel_normals(seed, term, *size)) / round(mean, 12)
 
 
 def _ease(sensor: SensorParameters, nominal: float, theta: F64) -> F64:

@@ -1,8 +1,8 @@
 """Event pixels per frame on one core: ours beside eventcv's, on one film of 1000 frames a second.
 
 Both do the work of one model: v2e's thresholds, bandwidth, leak, shot noise and dead time, with
-eventcv's defaults, and the same without noise. The limit is the memory: what each pixel has to read
-and write in a frame is set against a copy of the same process.
+eventcv's defaults, and the same without noise. Photon noise is a row of its own. The limit is the
+memory: what each pixel has to read and write in a frame is set against a copy of the same process.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from speed.turns import Table, Time, milliseconds, target
 
 PEER, PEER_QUIET = "eventcv, its defaults", "eventcv, no noise"
 OURS, OURS_QUIET = "evs, the same", "evs, no noise"
-YARDSTICKS = {OURS: PEER, PEER_QUIET: PEER, OURS_QUIET: PEER}
+OURS_PHOTON = "evs, photon noise"
+YARDSTICKS = {OURS: PEER, OURS_PHOTON: PEER, PEER_QUIET: PEER, OURS_QUIET: PEER}
 ROUNDS = 9
 
 SIZES = {"346x260": (346, 260, 60), "1280x720": (1280, 720, 20)}
@@ -31,6 +32,14 @@ NOISE = {
     "leak_rate_hz": 1.0,
     "shot_noise_rate_hz": 10.0,
     "refractory_period_s": 100e-6,
+}
+# its deviation is a sixth of the threshold in all light
+PHOTON = NOISE | {
+    "shot_noise_rate_hz": 0.0,
+    "follower_hz": 3000.0,
+    "dark_lux": 1.0,
+    "dim_lux": 1.0,
+    "photocurrent_pa": 0.16,
 }
 QUIET: dict[str, Any] = {"sigma_thres": 0.0, "leak_rate_hz": 0.0, "shot_noise_rate_hz": 0.0}
 
@@ -81,6 +90,7 @@ def test_event_pixels_beside_eventcv() -> None:
         ):
             ours, ours_quiet = emulate(light, NOISE), emulate(light, {})
             calls = {PEER: peer.call, OURS: ours, PEER_QUIET: peer_quiet.call}
+            calls[OURS_PHOTON] = emulate(light, PHOTON)
             calls[OURS_QUIET] = ours_quiet
             counts[size] = ", ".join(
                 f"{name} {call() / (frames - 1):.0f}" for name, call in calls.items()
@@ -97,5 +107,6 @@ def test_event_pixels_beside_eventcv() -> None:
     for size, times in columns.items():
         peer_ms = times[PEER].median
         print(target(f"{OURS}, {size}", peer_ms / times[OURS].median, 10, "x"))
+        print(target(f"{OURS_PHOTON}, {size}", peer_ms / times[OURS_PHOTON].median, 4, "x"))
         print(target(f"{OURS_QUIET}, {size}", peer_ms / times[OURS_QUIET].median, 20, "x"))
         assert times[OURS_QUIET].median > 0
