@@ -19,7 +19,7 @@ from evs.msgs import Events
 
 pytestmark = pytest.mark.property
 
-IDEAL = SensorParameters("ideal", 33, 6, 0.2, 0.25)
+IDEAL = SensorParameters("ideal", 33, 6, 0.2, 0.25, dark_lux=0.1)
 TERMS = {
     "spread": {"sigma_thres": 0.03},
     "bandwidth": {"cutoff_hz": 200.0},
@@ -28,6 +28,7 @@ TERMS = {
     "leak": {"leak_rate_hz": 20.0},
     "parasitic": {"parasitic_leak_hz": 30.0},
     "shot": {"shot_noise_rate_hz": 200.0},
+    "photon": {"photocurrent_pa": 0.5, "follower_hz": 500.0},
     "rates": {"noise_rate_cov_decades": 0.2},
     "refractory": {"refractory_period_s": 0.0005},
     "refractory_spread": {"refractory_period_s": 0.0005, "refractory_spread_decades": 0.2},
@@ -41,6 +42,7 @@ STATE = {
     "leak": {"due_us", "since_us"},
     "parasitic": {"due_us", "since_us"},
     "shot": {"shot_next", "shot_count"},
+    "photon": {"followed", "noise_budget", "noise_mean", "noise_memory", "due_us", "since_us"},
     "refractory": {"blind_until", "due_us", "since_us"},
     "refractory_spread": {"blind_until", "due_us", "since_us"},
     "hot": {"due_us", "since_us"},
@@ -89,6 +91,7 @@ def test_every_parameter_is_of_a_term_or_of_none() -> None:
         *("log", "linlog_dn", "log_eps", "exposure_dn", "white_lux", "dark_lux", "dim_lux"),
         "temperature_c",
         *("bright_lux", "filter", "shot_noise_bright", "shot_noise_law", "hot_leak_cov_decades"),
+        "photon_noise_factor",
     }
     assert {field.name for field in fields(SensorParameters)} == of_terms | of_none
 
@@ -146,7 +149,7 @@ def of_cause(cause: int, model: PlainModel, frames: list[F32], seed: int) -> lis
     seed=st.integers(0, 2**32 - 1),
 )
 def test_noise_comes_at_the_same_times_whatever_else_is_on(names: set[str], seed: int) -> None:
-    """Every single event, of pixels that are never blind."""
+    """Every single event, of pixels that are never blind. Photon noise has the same cause."""
     base = {"shot"} | names & {"spread", "rates", "dead"}  # the terms that its rates follow from
     frames = light_of(12, seed)
     alone, beside = (
@@ -155,6 +158,9 @@ def test_noise_comes_at_the_same_times_whatever_else_is_on(names: set[str], seed
     )
     assert sum(map(len, alone)) > 50
     for ours, theirs in zip(alone, beside, strict=True):
+        if "photon" in names:
+            assert {*ours.tolist()} <= {*theirs.tolist()}
+            continue
         for field in ("t", "x", "y", "p"):
             assert np.array_equal(ours[field], theirs[field])
 
@@ -192,7 +198,8 @@ def test_causes_are_only_there_when_asked_and_change_nothing(names: set[str], se
         b, theirs = telling.step(frame, theirs, k * 1000, (k + 1) * 1000)
         raw, causes = (events.view(np.uint8).reshape(-1, 16).copy() for events in (a, b))
         assert not np.any(raw[:, 13:])
-        possible = {1} | ({3} if "shot" in names else set()) | ({4} if "hot" in names else set())
+        possible = {1} | ({3} if names & {"shot", "photon"} else set())
+        possible |= {4} if "hot" in names else set()
         if names & {"leak", "parasitic", "highpass", "hot"}:
             possible |= {2}
         assert set(causes[:, 13].tolist()) <= possible
