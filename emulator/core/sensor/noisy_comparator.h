@@ -169,6 +169,14 @@ struct NoisyComparators {
     return blind(stamp);
   }
 
+  // Of a level that goes from x0 to x1 deviations.
+  double mean_rate(double x0, double x1) const {
+    const double rates = kPassageTable.rate_at(band.shift, x0) +
+                         4.0 * kPassageTable.rate_at(band.shift, 0.5 * (x0 + x1)) +
+                         kPassageTable.rate_at(band.shift, x1);
+    return rates / 6.0;
+  }
+
   // The hazard of a level from x0 to x1 deviations in a step.
   struct Level {
     double x0, x1, passages = 0.0, loss = 0.0;
@@ -192,7 +200,6 @@ struct NoisyComparators {
   // Step up to `until`, with all events before it; false if the pixel is blind for the rest.
   bool advance(double until, std::vector<Crossing>& out) {
     double end = until;
-    bool crosses = false;  // the step ends where the signal moves a level past the noise
     while (now < until) {
       const double dt = end - now;
       const double kept = keep(dt);
@@ -207,35 +214,56 @@ struct NoisyComparators {
           level(pixel.theta_on - above0, pixel.theta_on - above1, sigma0, sigma1, passages);
       const Level off =
           level(pixel.theta_off + above0, pixel.theta_off + above1, sigma0, sigma1, passages);
-      const bool up_moves = on.loss > off.loss;
-      const Level& moving = up_moves ? on : off;
-      if (!crosses && moving.loss >= budget) {
-        // shorten the step to where the loss reaches the budget
-        const double x = kPassageTable.level_of_loss(kPassageTable.loss_at(moving.x0) + budget);
-        const double distance0 = up_moves ? pixel.theta_on - above0 : pixel.theta_off + above0;
-        const double distance1 = up_moves ? pixel.theta_on - above1 : pixel.theta_off + above1;
+      const double limit =
+          budget * (pixel.from == pixel.to ? kCoarseHazardStill : kCoarseHazardMoving);
+      bool up = on.loss > off.loss;
+      const Level& moving = up ? on : off;
+      if (moving.loss >= budget) {
+        // the signal moves the level past the noise: the event is where the loss reaches the
+        // budget, or earlier by what passages of the noise use up of it
+        const double distance0 = up ? pixel.theta_on - above0 : pixel.theta_off + above0;
+        const double distance1 = up ? pixel.theta_on - above1 : pixel.theta_off + above1;
+        const double loss0 = kPassageTable.loss_at(moving.x0);
         double place = 0.5;
-        for (int i = 0; i < 3; i++) {
-          const double known = memory + (memory1 - memory) * place;
-          const double part =
-              (distance0 - x * band.sigma * unknown_share(known)) / (distance0 - distance1);
-          place = part > 0.0 ? (part < 1.0 ? part : 1.0) : 0.0;
+        double known = memory;
+        double x = moving.x1;
+        auto cross_at = [&](double loss) {
+          x = kPassageTable.level_of_loss(loss0 + loss);
+          for (int i = 0; i < 2; i++) {
+            known = memory + (memory1 - memory) * place;
+            const double part =
+                (distance0 - x * band.sigma * unknown_share(known)) / (distance0 - distance1);
+            place = part > 0.0 ? (part < 1.0 ? part : 1.0) : 0.0;
+          }
+        };
+        cross_at(budget);
+        const double earlier =
+            band.slow * (place * dt) / (1.0 - memory * known + 0x1p-40) * mean_rate(moving.x0, x);
+        const bool rough = moving.x0 - x > 1.0 || (memory > kept && band.decay * dt > 0.1);
+        if (rough && place * dt > 1.0 && earlier > limit) {
+          end = now + 0.5 * (place * dt);
+          continue;
         }
-        crosses = true;
-        end = now + place * dt;
+        Cause cause = cause_of(pixel.to - pixel.from, pixel.drift, pixel.drift_cause);
+        if (earlier >= budget) {
+          cause = Cause::shot;
+          place *= budget / earlier;
+        } else if (earlier > 0.1 * budget) {
+          cross_at(budget - earlier);
+        }
+        if (!fire(out, now + place * dt, up, cause)) return false;
+        end = until;
         continue;
       }
       const double random = on.passages + off.passages;
-      const double limit = pixel.from == pixel.to ? kCoarseHazardStill : kCoarseHazardMoving;
       const bool coarse = std::abs(on.x1 - on.x0) > 1.0 || std::abs(off.x1 - off.x0) > 1.0 ||
                           (memory > kept && band.decay * dt > 0.1);
-      if (coarse && dt > 1.0 && random > limit * budget) {
-        crosses = false;
+      if (coarse && dt > 1.0 && random > limit) {
         end = now + 0.5 * dt;
         continue;
       }
       const double hazard = random + on.loss + off.loss;
-      if (!crosses && hazard < budget) {
+      if (hazard < budget) {
         budget -= on_budget_grid(hazard);
         now = end;
         mean = mean1;
@@ -243,22 +271,12 @@ struct NoisyComparators {
         end = until;
         continue;
       }
-      bool up = up_moves;
-      bool moved = crosses;
-      double at = end;
-      if (!crosses) {
-        const double on_share = on.passages + on.loss;
-        up = draws.polarity(pixel.begin_us + static_cast<int64_t>(now)) * hazard < on_share;
-        moved = (up ? on.loss : off.loss) > random && sigma1 == sigma0;
-        at = now + budget / hazard * dt;
-      }
-      const double kept_at = crosses ? kept : keep(at - now);
-      mean *= kept_at;
-      memory *= kept_at;
+      const double on_share = on.passages + on.loss;
+      up = draws.polarity(pixel.begin_us + static_cast<int64_t>(now)) * hazard < on_share;
+      const bool moved = (up ? on.loss : off.loss) > random && sigma1 == sigma0;
       const Cause cause =
           moved ? cause_of(pixel.to - pixel.from, pixel.drift, pixel.drift_cause) : Cause::shot;
-      if (!fire(out, at, up, cause)) return false;
-      crosses = false;
+      if (!fire(out, now + budget / hazard * dt, up, cause)) return false;
       end = until;
     }
     return true;

@@ -31,7 +31,7 @@ inline constexpr double kCertain = 30.0;       // no budget is larger
 inline constexpr float kForgotten = 0x1p-10f;  // a smaller memory counts as none
 // Shares of the budget: a coarse step with more is halved.
 inline constexpr double kCoarseHazardStill = 0.02;
-inline constexpr double kCoarseHazardMoving = 0.2;
+inline constexpr double kCoarseHazardMoving = 0.4;
 
 struct PhotonNoise {
   uint64_t key = 0;

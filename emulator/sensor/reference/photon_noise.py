@@ -38,7 +38,7 @@ from evs.msgs import Cause
 
 FAR, PASSED, CERTAIN = 6.0, -7.0, 30.0
 FORGOTTEN = 2.0**-10
-COARSE_STILL, COARSE_MOVING = 0.02, 0.2
+COARSE_STILL, COARSE_MOVING = 0.02, 0.4
 CELLS = 512
 
 _RATE = (
@@ -100,6 +100,12 @@ def rate_at(shift: float, x: float) -> float:
         return 0.0
     level = x + shift / (1.0 + 0.23 * x * shift) if x > 0.0 else x + shift
     return _read(_tables()[0], level) if level < FAR else 0.0
+
+
+def mean_rate(shift: float, x0: float, x1: float) -> float:
+    """Of a level that goes from x0 to x1 deviations."""
+    rates = rate_at(shift, x0) + 4.0 * rate_at(shift, 0.5 * (x0 + x1)) + rate_at(shift, x1)
+    return rates / 6.0
 
 
 def loss_at(x: float) -> float:
@@ -457,15 +463,13 @@ class NoisyPixel:
         x0, x1 = deviations(distance[0], sigma[0]), deviations(distance[1], sigma[1])
         if x0 >= FAR and x1 >= FAR:
             return x0, x1, 0.0, 0.0
-        shift = self.band.shift
-        rates = rate_at(shift, x0) + 4.0 * rate_at(shift, 0.5 * (x0 + x1)) + rate_at(shift, x1)
         fallen = loss_at(x1) - loss_at(x0)
-        return x0, x1, passages * (rates / 6.0), CERTAIN if x1 < PASSED else max(fallen, 0.0)
+        noise = passages * mean_rate(self.band.shift, x0, x1)
+        return x0, x1, noise, CERTAIN if x1 < PASSED else max(fallen, 0.0)
 
     def _advance(self, until: float) -> int | None:
         """Up to `until`; when the pixel is blind beyond the tick, until when."""
-        p, band = self.p, self.band
-        end, crosses = until, False
+        p, band, end = self.p, self.band, until
         while self.now < until:
             dt = end - self.now
             kept = band.keep(dt)
@@ -481,53 +485,67 @@ class NoisyPixel:
             distances = [(p.off + above[0], p.off + above[1]), (p.on - above[0], p.on - above[1])]
             passages = band.slow * dt / (1.0 - self.memory * memory1 + 2.0**-40)
             off, on = (self._level(distance, sigma, passages) for distance in distances)
+            limit = self.budget * (COARSE_STILL if p.signal == p.signal_end else COARSE_MOVING)
             up = on[3] > off[3]
             moving = on if up else off
-            if not crosses and moving[3] >= self.budget:
-                place = self._crossing(moving[0], distances[up], memory1)
-                crosses, end = True, self.now + place * dt
+            if moving[3] >= self.budget:
+                loss = self.budget
+                place, known, x = self._crossing(moving[0], distances[up], memory1, loss, 0.5)
+                passages = band.slow * (place * dt) / (1.0 - self.memory * known + 2.0**-40)
+                earlier = passages * mean_rate(band.shift, moving[0], x)
+                rough = moving[0] - x > 1.0 or (self.memory > kept and band.decay * dt > 0.1)
+                if rough and place * dt > 1.0 and earlier > limit:
+                    end = self.now + 0.5 * (place * dt)
+                    continue
+                cause = self._moving_cause()
+                if earlier >= self.budget:
+                    cause, place = Cause.SHOT, place * (self.budget / earlier)
+                elif earlier > 0.1 * self.budget:
+                    loss = self.budget - earlier
+                    place, _, _ = self._crossing(moving[0], distances[up], memory1, loss, place)
+                if (blind := self._fire(self.now + place * dt, up, cause)) is not None:
+                    return blind
+                end = until
                 continue
             random = on[2] + off[2]
-            limit = COARSE_STILL if p.signal == p.signal_end else COARSE_MOVING
             coarse = (
                 abs(on[1] - on[0]) > 1.0
                 or abs(off[1] - off[0]) > 1.0
                 or (self.memory > kept and band.decay * dt > 0.1)
             )
-            if coarse and dt > 1.0 and random > limit * self.budget:
-                crosses, end = False, self.now + 0.5 * dt
+            if coarse and dt > 1.0 and random > limit:
+                end = self.now + 0.5 * dt
                 continue
             hazard = random + on[3] + off[3]
-            if not crosses and hazard < self.budget:
+            if hazard < self.budget:
                 self.budget -= on_budget_grid(hazard)
                 self.now, self.mean, self.memory, end = end, mean1, memory1, until
                 continue
-            moved, at = crosses, end
-            if not crosses:
-                up = self.draws.polarity(p.begin_us + int(self.now)) * hazard < on[2] + on[3]
-                moved = (on if up else off)[3] > random and sigma[1] == sigma[0]
-                at = self.now + self.budget / hazard * dt
-                kept = band.keep(at - self.now)
-            self.mean *= kept
-            self.memory *= kept
-            cause = Cause.SHOT
-            if moved:
-                by_drift = abs(p.drift) > abs(p.signal_end - p.signal)
-                cause = (Cause.HOT if p.hot else Cause.LEAK) if by_drift else Cause.SIGNAL
-            if (blind := self._fire(at, up, cause)) is not None:
+            up = self.draws.polarity(p.begin_us + int(self.now)) * hazard < on[2] + on[3]
+            moved = (on if up else off)[3] > random and sigma[1] == sigma[0]
+            cause = self._moving_cause() if moved else Cause.SHOT
+            blind = self._fire(self.now + self.budget / hazard * dt, up, cause)
+            if blind is not None:
                 return blind
-            crosses, end = False, until
+            end = until
         return None
 
-    def _crossing(self, x0: float, distance: tuple[float, float], memory1: float) -> float:
-        """Where in a step the loss of a level reaches the budget, 0 ... 1."""
-        x = level_of_loss(loss_at(x0) + self.budget)
-        place = 0.5
-        for _ in range(3):
+    def _moving_cause(self) -> Cause:
+        p = self.p
+        if abs(p.drift) > abs(p.signal_end - p.signal):
+            return Cause.HOT if p.hot else Cause.LEAK
+        return Cause.SIGNAL
+
+    def _crossing(
+        self, x0: float, distance: tuple[float, float], memory1: float, loss: float, place: float
+    ) -> tuple[float, float, float]:
+        """Where in a step a level has lost this: place (0 ... 1), memory and deviations there."""
+        x, known = level_of_loss(loss_at(x0) + loss), self.memory
+        for _ in range(2):
             known = self.memory + (memory1 - self.memory) * place
             left = distance[0] - x * self.band.sigma * unknown_share(known)
             place = max(0.0, min(1.0, left / (distance[0] - distance[1])))
-        return place
+        return place, known, x
 
 
 def step_pixel(
