@@ -181,7 +181,7 @@ def test_a_file_of_ranges_and_the_command_line_over_it(ball: str, tmp_path: Path
         "cutoff_hz = 'uniform(50, 60)'\n"
     )
     words = [f"{key}={text}" for key, text in SMALL]
-    over = ["randomise.cutoff_hz=none", "--randomise", "dark_lux=uniform(0, 1)"]
+    over = ["randomise.cutoff_hz=none", "--randomise", "dark_lux=uniform(0.01, 1)"]
     folder = tmp_path / "a"
     options = ["--scene", ball, "--randomise", str(file), "--episodes", "2", "--quiet"]
     assert main(["dataset", str(folder), *options, *words, *over]) == 0

@@ -82,13 +82,13 @@ def test_the_command_takes_a_file_and_words(tmp_path: Path) -> None:
     file, folder = tmp_path / "ranges.toml", tmp_path / "data"
     file.write_text("[randomise]\npos_thres = 'uniform(0.1, 0.2)'\ncutoff_hz = 'uniform(50, 60)'\n")
     words = ["--randomise", str(file)]
-    words += ["--randomise", "cutoff_hz=none", "--randomise", "dark_lux=uniform(0,1)"]
+    words += ["--randomise", "cutoff_hz=none", "--randomise", "dark_lux=uniform(0.01,1)"]
     size = ["--pixels", "2", "--ticks", "4", "--truth-spp", "1", "--scenes", "1", "--from", "7"]
     assert main(["train", "data", str(folder), *size, *words, "--quiet"]) == 0
     assert set(read_settings(folder).randomise) == {"pos_thres", "dark_lux"}
     values = read_meta(folder / "00007.npz")["randomised"]["values"]
     assert 0.1 <= values["pos_thres"] <= 0.2
-    assert 0 <= values["dark_lux"] <= 1
+    assert 0.01 <= values["dark_lux"] <= 1
 
 
 def synthetic(folder: Path) -> Path:
