@@ -67,15 +67,38 @@ def random_phase(theta: float, side: int, seed: int) -> F64:
 
 
 def native_events(
-    sensor: SensorParameters, light: F32, phase: F64, end_us: int, tick_us: int, seed: int = 0
+    sensor: SensorParameters,
+    light: F32,
+    phase: F64,
+    end_us: int,
+    tick_us: int,
+    seed: int = 0,
+    slope: F64 | None = None,
 ) -> Events:
-    """Return the events in (0, end_us] of still light, with references at these distances."""
+    """Return the events in (0, end_us], with references at these distances at time 0.
+
+    Args:
+        sensor: The sensor.
+        light: (h, w) luminance at time 0.
+        phase: (h, w) signal less reference at time 0, log units.
+        end_us: When the last tick ends.
+        tick_us: The length of each tick.
+        seed: Of the sensor.
+        slope: (h, w) by how much log light (with the dark current) rises in a us; None: it
+            stands still
+    """
     model = PlainModel(sensor, 1)
     _, state = model.step(light, model.init(seed), -1, 0)
     at_phase(state, phase)
     parts = []
+    dark = sensor.dark_lux / WHITE_LUX
     for t in range(0, end_us, tick_us):
-        events, state = model.step(light, state, t, t + tick_us)
+        if slope is not None:
+            current = (light + dark) * np.exp(slope * (t + tick_us))
+            now = np.asarray(current - dark, np.float32)
+        else:
+            now = light
+        events, state = model.step(now, state, t, t + tick_us)
         parts.append(events)
     return join_events(parts)
 
@@ -87,6 +110,7 @@ def simulated_events(
     phase: F64,
     end_us: int,
     seed: int,
+    slope: F64 | None = None,
 ) -> Events:
     """Simulate white noise through two poles, and comparators that see it, in steps of 0.04 / b.
 
@@ -101,6 +125,7 @@ def simulated_events(
         phase: (h, w) signal less reference at the beginning, log units.
         end_us: When it ends, us.
         seed: The seed of the random numbers.
+        slope: (h, w) by how much the signal rises in a us, log units; None: it stands still.
     """
     rng = np.random.default_rng(seed)
     a, b = (2 * math.pi * 1e-6 * f for f in poles_hz)
@@ -112,6 +137,7 @@ def simulated_events(
     share = b / (a + b)
     n = share * u + sigma * math.sqrt(1 - share) * rng.standard_normal(count)
     above = phase.reshape(-1).copy()  # signal less reference
+    rise = None if slope is None else slope.reshape(-1) * dt
     kept_u, kept_n = math.exp(-a * dt), math.exp(-b * dt)
     kick = np.float32(deviation * math.sqrt(1 - kept_u**2))
     half = 0.5 * (1 - kept_n)  # n follows the mean of u over the step
@@ -129,6 +155,8 @@ def simulated_events(
         n += before
         np.multiply(u, half, out=before)
         n += before
+        if rise is not None:
+            above += rise
         np.add(n, above, out=level)
         np.abs(level, out=before)
         if before.max() >= theta:
