@@ -162,9 +162,9 @@ EVS_ALWAYS_INLINE uint64_t use_up_budgets(const PixelStep& step, size_t first, s
     const double r = reference[i];
     const double before = budget[i];
     const double hazard = b.hazard[i];
-    const double limit = select(from[i] == to[i], kCoarseHazardStill, kCoarseHazardMoving);
     const bool still = may_stand & (memory[i] == 0.0f) & (from[i] == to[i]);
-    const bool unclear = (b.coarse[i] != 0) & (static_cast<double>(b.random[i]) > limit * before);
+    const bool unclear =
+        (b.coarse[i] != 0) & (static_cast<double>(b.random[i]) > kCoarseHazard * before);
     const bool candidate = (candidates >> i & 1) != 0;
     const bool lasts = (hazard < before) & (r == r) & !still & !unclear & !candidate;
     const double used = on_budget_grid(lasts ? hazard : 0.0);

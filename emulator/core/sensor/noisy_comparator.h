@@ -214,8 +214,7 @@ struct NoisyComparators {
           level(pixel.theta_on - above0, pixel.theta_on - above1, sigma0, sigma1, passages);
       const Level off =
           level(pixel.theta_off + above0, pixel.theta_off + above1, sigma0, sigma1, passages);
-      const double limit =
-          budget * (pixel.from == pixel.to ? kCoarseHazardStill : kCoarseHazardMoving);
+      const double limit = kCoarseHazard * budget;
       bool up = on.loss > off.loss;
       const Level& moving = up ? on : off;
       if (moving.loss >= budget) {

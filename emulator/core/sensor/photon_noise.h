@@ -29,9 +29,7 @@ inline constexpr float kFarLevel = 6.0f;       // deviations; a level beyond is 
 inline constexpr double kPassed = -7.0;        // a level beyond was passed for certain
 inline constexpr double kCertain = 30.0;       // no budget is larger
 inline constexpr float kForgotten = 0x1p-10f;  // a smaller memory counts as none
-// Shares of the budget: a coarse step with more is halved.
-inline constexpr double kCoarseHazardStill = 0.02;
-inline constexpr double kCoarseHazardMoving = 0.4;
+inline constexpr double kCoarseHazard = 0.02;  // of the budget: a coarse step with more is halved
 
 struct PhotonNoise {
   uint64_t key = 0;

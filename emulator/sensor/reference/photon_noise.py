@@ -38,7 +38,7 @@ from evs.msgs import Cause
 
 FAR, PASSED, CERTAIN = 6.0, -7.0, 30.0
 FORGOTTEN = 2.0**-10
-COARSE_STILL, COARSE_MOVING = 0.02, 0.4
+COARSE = 0.02
 CELLS = 512
 
 _RATE = (
@@ -274,8 +274,7 @@ def use_up_budgets(
             coarse |= ((x1 - x0 > 1) | (x1 - x0 < -1)) & ~far
     budget = state.noise_budget
     still = (memory0 == 0) & (start == end) & (sensor.highpass_hz == 0.0)
-    limit = np.where(start == end, COARSE_STILL, COARSE_MOVING)
-    unclear = coarse & (random.astype(np.float64) > limit * budget)
+    unclear = coarse & (random.astype(np.float64) > COARSE * budget)
     lasts = (hazard < budget) & ~np.isnan(state.reference) & ~still & ~unclear & ~candidates
     used = np.where(lasts, hazard.astype(np.float64), 0.0)
     state.noise_budget = budget - ((used + 96.0) - 96.0)
@@ -485,7 +484,7 @@ class NoisyPixel:
             distances = [(p.off + above[0], p.off + above[1]), (p.on - above[0], p.on - above[1])]
             passages = band.slow * dt / (1.0 - self.memory * memory1 + 2.0**-40)
             off, on = (self._level(distance, sigma, passages) for distance in distances)
-            limit = self.budget * (COARSE_STILL if p.signal == p.signal_end else COARSE_MOVING)
+            limit = COARSE * self.budget
             up = on[3] > off[3]
             moving = on if up else off
             if moving[3] >= self.budget:
