@@ -280,7 +280,8 @@ def use_up_budgets(
     state.noise_budget = budget - ((used + 96.0) - 96.0)
     state.noise_memory = np.where(lasts, memory1, memory0)
     state.noise_mean = np.where(lasts, mean1, state.noise_mean)
-    return ~lasts
+    remaining: np.ndarray = ~lasts
+    return remaining
 
 
 def _clip(x: F32) -> F32:
