@@ -156,7 +156,7 @@ EVS_ALWAYS_INLINE uint64_t use_up_budgets(const PixelStep& step, size_t first, s
   add_hazard<true>(theta_on, theta_off, count, b, other_is_near);
   bool unused = false;
   if (other_is_near) add_hazard<false>(theta_on, theta_off, count, b, unused);
-  const bool may_stand = step.settings.highpass == 0.0;
+  const bool may_stand = !step.settings.references_follow();
   uint64_t any = 0;
   for (size_t i = 0; i < count; i++) {
     const double r = reference[i];

@@ -42,6 +42,8 @@ struct PixelSettings {
   PhotonNoise photon;
 
   bool lowpass() const { return lowpass_low > 0.0 || lowpass_slope > 0.0; }
+  // Whether a high pass moves references; one that is forced on and idle has a rate of 1e-300.
+  bool references_follow() const { return highpass > 1e-290; }
 };
 
 // The fixed pattern, row by row. Null: the term is off.

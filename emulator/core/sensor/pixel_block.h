@@ -82,7 +82,7 @@ void compare(const PixelStep& step, size_t pixel, float from, float to, float dn
     NoisyComparators noisy(comparators, noise_at(step.settings, dn),
                            noise_draws(step.settings, pixel));
     noisy.leak = leaks ? leak_rate(step, pixel, dn) : 0.0;
-    noisy.still = from == to && step.settings.highpass == 0.0;
+    noisy.still = from == to && !step.settings.references_follow();
     noisy.budget = arrays.noise_budget[pixel];
     noisy.mean = arrays.noise_mean[pixel];
     noisy.memory = arrays.noise_memory[pixel];

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.emulator.base.features import FEATURES
+from evs.emulator.base.features import FEATURES, UNFORCED, Switches
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
 from evs.emulator.sensor.fixed_pattern import FixedPattern, draw_pattern
@@ -163,6 +163,24 @@ def test_noise_comes_at_the_same_times_whatever_else_is_on(names: set[str], seed
             continue
         for field in ("t", "x", "y", "p"):
             assert np.array_equal(ours[field], theirs[field])
+
+
+@pytest.mark.parametrize("leak_hz", [0.0, 2.0])
+@pytest.mark.parametrize("name", [x.name for x in FEATURES if x.stage == "sensor" and not x.idle])
+def test_idle_terms_change_no_byte_of_photon_noise(name: str, leak_hz: float) -> None:
+    """Of pixels that move, and of still ones, whose noise goes on by itself."""
+    sensor = replace(sensor_with({"photon", "spread"}), photocurrent_pa=0.1, leak_rate_hz=leak_hz)
+    frames = light_of(8, 1)
+    streams = []
+    for switches in (UNFORCED, Switches(on=frozenset({name}))):
+        model = PlainModel(sensor, 1, causes=True, switches=switches)
+        state, found = model.init(2), []
+        for k, frame in enumerate([*frames, *[frames[-1]] * 30]):
+            events, state = model.step(frame, state, k * 1000, (k + 1) * 1000)
+            found.append(events.tobytes())
+        streams.append(found)
+    assert all(streams[0][-20:])
+    assert streams[0] == streams[1]
 
 
 @settings(max_examples=60)
