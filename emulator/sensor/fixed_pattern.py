@@ -80,8 +80,10 @@ def draw_pattern(
     terms = terms or SensorTerms.of(sensor)
 
     def threshold(mean: float, term: Term) -> F64:
-        sigma = sensor.sigma_thres if terms.threshold_spread else 0.0
-        return _spread_threshold(mean, sigma, seed, term, size)
+        if not terms.threshold_spread:
+            return np.full(size[::-1], mean)
+        normals = pixel_normals(seed, term, *size)
+        return np.maximum(floor(mean), mean + sensor.sigma_thres * normals)
 
     def spread(term: Term) -> F64 | float:
         cov = sensor.noise_rate_cov_decades
@@ -128,14 +130,6 @@ def draw_pattern(
         off=_constant(np.where(dead, np.inf, off), np.float32),
         **arrays,
     )
-
-
-def _spread_threshold(
-    mean: float, sigma: float, seed: int, term: Term, size: tuple[int, int]
-) -> F64:
-    if sigma == 0.0:
-        return np.full(size[::-1], mean)
-    return np.maximum(floor(mean), mean + sigma * pixel_normals(seed, term, *size))
 
 
 def _log_normal(cov: float, seed: int, term: Term, size: tuple[int, int]) -> F64:
