@@ -90,6 +90,17 @@ class Nodes:
             except ProcessLookupError:
                 continue
 
+    def is_working(self, place: int) -> bool:
+        """Whether a worker of a node runs a task, by the title that Ray gives its process."""
+        for pid in self.processes(place):
+            try:
+                title = Path(f"/proc/{pid}/cmdline").read_text()
+            except OSError:
+                continue
+            if title.startswith("ray::") and not title.startswith("ray::IDLE"):
+                return True
+        return False
+
     def processes(self, place: int) -> list[int]:
         """Return the processes of one node: the session of its `ray start`."""
         found = []
