@@ -33,11 +33,12 @@ struct BudgetScratch {
   alignas(64) uint64_t flags[kBlock];
 };
 
-// Add the hazard of one level of each pixel: of the nearer one, or of the other.
+// Add the hazard of one level of each pixel: of the nearer one, or of the other. Out: whether the
+// other level of some pixel is near, too.
 template <bool NEARER>
-EVS_ALWAYS_INLINE void add_hazard(const float* __restrict theta_on,
-                                  const float* __restrict theta_off, size_t count, BudgetScratch& b,
-                                  bool& other_is_near) {
+EVS_ALWAYS_INLINE bool add_hazard(const float* __restrict theta_on,
+                                  const float* __restrict theta_off, size_t count,
+                                  BudgetScratch& b) {
   uint32_t near = 0;
   for (size_t i = 0; i < count; i++) {
     const float on0 = theta_on[i] - b.above[0][i];
@@ -55,7 +56,6 @@ EVS_ALWAYS_INLINE void add_hazard(const float* __restrict theta_on,
       near |= (other0 < kFarLevel) | (other1 < kFarLevel) ? 1u : 0u;
     }
   }
-  if constexpr (NEARER) other_is_near = near != 0;
   const float* __restrict start = b.start;
   const float* __restrict end = b.end;
   const float* __restrict shift = b.shift;
@@ -89,6 +89,7 @@ EVS_ALWAYS_INLINE void add_hazard(const float* __restrict theta_on,
     }
     b.coarse[i] |= coarse;
   }
+  return near != 0;
 }
 
 // Use up the budgets of a block. In: the signal; the references at the start of the tick and by how
@@ -152,10 +153,8 @@ EVS_ALWAYS_INLINE uint64_t use_up_budgets(const PixelStep& step, size_t first, s
     b.above[0][i] = static_cast<float>(static_cast<double>(from[i]) - r) + mean[i];
     b.above[1][i] = static_cast<float>(static_cast<double>(to[i]) - sunk) + b.mean[i];
   }
-  bool other_is_near = false;
-  add_hazard<true>(theta_on, theta_off, count, b, other_is_near);
-  bool unused = false;
-  if (other_is_near) add_hazard<false>(theta_on, theta_off, count, b, unused);
+  const bool other_is_near = add_hazard<true>(theta_on, theta_off, count, b);
+  if (other_is_near) add_hazard<false>(theta_on, theta_off, count, b);
   const bool may_stand = !step.settings.references_follow();
   uint64_t any = 0;
   for (size_t i = 0; i < count; i++) {

@@ -188,14 +188,14 @@ struct NoisyComparators {
     level.x0 = in_deviations(distance0, sigma0);
     level.x1 = in_deviations(distance1, sigma1);
     if (level.x0 >= kFarLevel && level.x1 >= kFarLevel) return level;
-    const double rates = kPassageTable.rate_at(band.shift, level.x0) +
-                         4.0 * kPassageTable.rate_at(band.shift, 0.5 * (level.x0 + level.x1)) +
-                         kPassageTable.rate_at(band.shift, level.x1);
-    level.passages = passages * (rates / 6.0);
+    level.passages = passages * mean_rate(level.x0, level.x1);
     const double fallen = kPassageTable.loss_at(level.x1) - kPassageTable.loss_at(level.x0);
     level.loss = level.x1 < kPassed ? kCertain : fallen > 0.0 ? fallen : 0.0;
     return level;
   }
+
+  // Whether the noise loses much of its memory in a step.
+  bool relaxes(double dt, double kept) const { return memory > kept && band.decay * dt > 0.1; }
 
   // Step up to `until`, with all events before it; false if the pixel is blind for the rest.
   bool advance(double until, std::vector<Crossing>& out) {
@@ -238,7 +238,7 @@ struct NoisyComparators {
         cross_at(budget);
         const double earlier =
             band.slow * (place * dt) / (1.0 - memory * known + 0x1p-40) * mean_rate(moving.x0, x);
-        const bool rough = moving.x0 - x > 1.0 || (memory > kept && band.decay * dt > 0.1);
+        const bool rough = moving.x0 - x > 1.0 || relaxes(dt, kept);
         if (rough && place * dt > 1.0 && earlier > limit) {
           end = now + 0.5 * (place * dt);
           continue;
@@ -255,8 +255,8 @@ struct NoisyComparators {
         continue;
       }
       const double random = on.passages + off.passages;
-      const bool coarse = std::abs(on.x1 - on.x0) > 1.0 || std::abs(off.x1 - off.x0) > 1.0 ||
-                          (memory > kept && band.decay * dt > 0.1);
+      const bool coarse =
+          std::abs(on.x1 - on.x0) > 1.0 || std::abs(off.x1 - off.x0) > 1.0 || relaxes(dt, kept);
       if (coarse && dt > 1.0 && random > limit) {
         end = now + 0.5 * dt;
         continue;
