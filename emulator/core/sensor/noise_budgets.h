@@ -1,9 +1,11 @@
 // The photon noise of a block of pixels through one tick: which budgets last, in single precision.
 //
 // For each pixel one step over the whole tick (photon_noise.h). Pixels whose budget does not last,
-// whose step is coarse, that are refractory or that stand still go through NoisyComparators.
+// whose noise relaxes in the tick, that are refractory or that stand still go through
+// NoisyComparators.
 #pragma once
 
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 
@@ -18,78 +20,137 @@ struct BudgetScratch {
   alignas(64) float shift[kBlock];
   alignas(64) float memory[kBlock];  // at the end of the tick
   alignas(64) float mean[kBlock];
-  alignas(64) float passages[kBlock];  // of a rate of 1
-  alignas(64) float sigma[2][kBlock];  // at the start and the end of the tick
-  alignas(64) float above[2][kBlock];  // signal and mean noise over the reference
-  alignas(64) float start[kBlock];     // of the nearer level, deviations
-  alignas(64) float end[kBlock];
-  alignas(64) float rates[kBlock];  // of first passages, at the start, the middle and the end
-  alignas(64) float middle[kBlock];
-  alignas(64) float last[kBlock];
-  alignas(64) float fallen[kBlock];
-  alignas(64) float random[kBlock];  // hazard
-  alignas(64) float hazard[kBlock];  // with that of the moving levels
-  alignas(64) uint32_t coarse[kBlock];
+  alignas(64) float passages[kBlock];    // of a rate of 1
+  alignas(64) float inverse[2][kBlock];  // of the deviation at the start and the end of the tick
+  alignas(64) float farthest[kBlock];    // deviations
+  alignas(64) float above[2][kBlock];    // signal and mean noise over the reference
+  alignas(64) float precision[kBlock];   // of the noise, 1 / variance
+  // of the nearer level and the other one: deviations at the start and the end, and hazards
+  alignas(64) float start[2][kBlock];
+  alignas(64) float end[2][kBlock];
+  alignas(64) float random[2][kBlock];
+  alignas(64) float moving[2][kBlock];
+  alignas(64) uint32_t on_is_nearer[kBlock];
+  alignas(64) uint32_t relaxes[kBlock];
+  alignas(64) float hazard[kBlock];
+  alignas(64) float least[kBlock];  // budget that lasts
   alignas(64) uint64_t flags[kBlock];
+  // some levels, packed
+  size_t packed;
+  alignas(64) uint32_t pixel[kBlock];
+  alignas(64) float packed_start[kBlock];
+  alignas(64) float packed_end[kBlock];
+  alignas(64) float packed_shift[kBlock];
+  alignas(64) float packed_passages[kBlock];
 };
 
-// Add the hazard of one level of each pixel: of the nearer one, or of the other. Out: whether the
-// other level of some pixel is near, too.
-template <bool NEARER>
-EVS_ALWAYS_INLINE bool add_hazard(const float* __restrict theta_on,
-                                  const float* __restrict theta_off, size_t count,
-                                  BudgetScratch& b) {
-  uint32_t near = 0;
+struct LevelHazard {
+  float random, moving;
+};
+
+// The hazard of a level that goes from x0 to x1 deviations.
+EVS_ALWAYS_INLINE LevelHazard level_hazard(float x0, float x1, float shift, float passages) {
+  const float x = select(x0 < x1, x0, x1);
+  const float fallen = select(x1 < x0, x0 - x1, 0.0f);
+  const float risen = select(x1 < x0, 0.0f, x1 - x0);
+  const float above = select(x > -3.0f, x, -3.0f);
+  const float within = select(above < 7.0f, above, 7.0f);
+  const float slope = loss_slope(within);
+  const float mean = mean_over_way(within, slope, fallen + risen);
+  const float level = shifted_level(shift, within);
+  const float rate = one_pole_rate(select(level < 7.0f, level, 7.0f));
+  const bool near = x < kFarLevel;
+  const float moving = select(near, slope * fallen * mean, 0.0f);
+  return {select(near, passages * rate * mean, 0.0f),
+          select(x1 < static_cast<float>(kPassed), static_cast<float>(kCertain), moving)};
+}
+
+// The levels of each pixel. Out: for the nearer level (0) and the other one (1), which ones noise
+// may reach, as bits.
+struct NearLevels {
+  uint64_t near[2];
+};
+
+EVS_ALWAYS_INLINE NearLevels order_levels(const float* __restrict theta_on,
+                                          const float* __restrict theta_off, size_t count,
+                                          BudgetScratch& b) {
+  alignas(64) uint32_t is_near[2][kBlock];
   for (size_t i = 0; i < count; i++) {
-    const float on0 = theta_on[i] - b.above[0][i];
-    const float on1 = theta_on[i] - b.above[1][i];
-    const float off0 = theta_off[i] + b.above[0][i];
-    const float off1 = theta_off[i] + b.above[1][i];
+    const float inverse0 = b.inverse[0][i];
+    const float inverse1 = b.inverse[1][i];
+    const float farthest = b.farthest[i];
+    const float on0 = in_deviations((theta_on[i] - b.above[0][i]) * inverse0, farthest);
+    const float on1 = in_deviations((theta_on[i] - b.above[1][i]) * inverse1, farthest);
+    const float off0 = in_deviations((theta_off[i] + b.above[0][i]) * inverse0, farthest);
+    const float off1 = in_deviations((theta_off[i] + b.above[1][i]) * inverse1, farthest);
     const float on = select(on0 < on1, on0, on1);
     const float off = select(off0 < off1, off0, off1);
-    const bool take_on = (on < off) == NEARER;
-    b.start[i] = in_deviations(select(take_on, on0, off0), b.sigma[0][i]);
-    b.end[i] = in_deviations(select(take_on, on1, off1), b.sigma[1][i]);
-    if constexpr (NEARER) {
-      const float other0 = in_deviations(select(take_on, off0, on0), b.sigma[0][i]);
-      const float other1 = in_deviations(select(take_on, off1, on1), b.sigma[1][i]);
-      near |= (other0 < kFarLevel) | (other1 < kFarLevel) ? 1u : 0u;
-    }
+    const bool is_on = on < off;
+    b.on_is_nearer[i] = is_on ? 1u : 0u;
+    b.start[0][i] = select(is_on, on0, off0);
+    b.end[0][i] = select(is_on, on1, off1);
+    b.start[1][i] = select(is_on, off0, on0);
+    b.end[1][i] = select(is_on, off1, on1);
+    is_near[0][i] = select(is_on, on, off) < kFarLevel ? 1u : 0u;
+    is_near[1][i] = select(is_on, off, on) < kFarLevel ? 1u : 0u;
   }
-  const float* __restrict start = b.start;
-  const float* __restrict end = b.end;
-  const float* __restrict shift = b.shift;
-  float* __restrict rates = b.rates;
-  for (size_t i = 0; i < count; i++) rates[i] = passage_rate(shift[i], start[i]);
+  NearLevels levels{};
   for (size_t i = 0; i < count; i++) {
-    const float middle = 0.5f * (start[i] + end[i]);
-    b.middle[i] = passage_rate(shift[i], middle);
+    levels.near[0] |= static_cast<uint64_t>(is_near[0][i]) << i;
+    levels.near[1] |= static_cast<uint64_t>(is_near[1][i]) << i;
   }
-  for (size_t i = 0; i < count; i++) b.last[i] = passage_rate(shift[i], end[i]);
+  return levels;
+}
+
+EVS_ALWAYS_INLINE void add_all_levels(size_t which, size_t count, BudgetScratch& b) {
+  const float* __restrict start = b.start[which];
+  const float* __restrict end = b.end[which];
   for (size_t i = 0; i < count; i++) {
-    const float fallen = passage_loss(end[i]) - passage_loss(start[i]);
-    b.fallen[i] = select(fallen > 0.0f, fallen, 0.0f);
+    const LevelHazard hazard = level_hazard(start[i], end[i], b.shift[i], b.passages[i]);
+    b.random[which][i] = hazard.random;
+    b.moving[which][i] = hazard.moving;
   }
-  for (size_t i = 0; i < count; i++) {
-    const float x0 = b.start[i];
-    const float x1 = b.end[i];
-    const float sum = b.rates[i] + 4.0f * b.middle[i] + b.last[i];
-    const float random = b.passages[i] * (sum * 0x1.555556p-3f);
-    const float moving =
-        select(x1 < static_cast<float>(kPassed), static_cast<float>(kCertain), b.fallen[i]);
-    const float moved = x1 - x0;
-    const bool far_away = (x0 >= kFarLevel) & (x1 >= kFarLevel);
-    const uint32_t coarse = ((moved > 1.0f) | (moved < -1.0f)) & !far_away ? 1u : 0u;
-    if constexpr (NEARER) {
-      b.random[i] = random;
-      b.hazard[i] = random + moving;
-    } else {
-      b.random[i] += random;
-      b.hazard[i] += random + moving;
-    }
-    b.coarse[i] |= coarse;
+}
+
+EVS_ALWAYS_INLINE void add_packed_levels(size_t which, uint64_t near, size_t count,
+                                         BudgetScratch& b) {
+  alignas(64) float random[kBlock];
+  alignas(64) float moving[kBlock];
+  for (size_t i = 0; i < count; i++) b.random[which][i] = b.moving[which][i] = 0.0f;
+  b.packed = 0;
+  for (; near != 0; near &= near - 1) {
+    const size_t i = static_cast<size_t>(std::countr_zero(near));
+    const size_t k = b.packed++;
+    b.pixel[k] = static_cast<uint32_t>(i);
+    b.packed_start[k] = b.start[which][i];
+    b.packed_end[k] = b.end[which][i];
+    b.packed_shift[k] = b.shift[i];
+    b.packed_passages[k] = b.passages[i];
   }
-  return near != 0;
+  for (size_t k = 0; k < b.packed; k++) {
+    const LevelHazard hazard =
+        level_hazard(b.packed_start[k], b.packed_end[k], b.packed_shift[k], b.packed_passages[k]);
+    random[k] = hazard.random;
+    moving[k] = hazard.moving;
+  }
+  for (size_t k = 0; k < b.packed; k++) {
+    b.random[which][b.pixel[k]] = random[k];
+    b.moving[which][b.pixel[k]] = moving[k];
+  }
+}
+
+// The band of a pixel and its step over the whole tick.
+inline NoiseBand noise_band_of(const BudgetScratch& b, size_t i, uint32_t tick_us) {
+  const double us = tick_us;
+  return {1.0 / std::sqrt(b.precision[i]), b.decay[i] / us, b.slow[i] / us, b.shift[i]};
+}
+
+inline NoiseStep noise_step(const BudgetScratch& b, size_t i) {
+  auto level = [&](size_t which) {
+    return NoiseLevel{b.start[which][i], b.end[which][i], b.random[which][i], b.moving[which][i]};
+  };
+  const size_t on = b.on_is_nearer[i] != 0 ? 0 : 1;
+  return {b.memory[i], b.mean[i], b.passages[i], level(on), level(1 - on)};
 }
 
 // Use up the budgets of a block. In: the signal; the references at the start of the tick and by how
@@ -121,7 +182,7 @@ EVS_ALWAYS_INLINE uint64_t use_up_budgets(const PixelStep& step, size_t first, s
       const float faster = z < follower_z ? follower_z : z;
       b.decay[i] = z * follower_z / (z + follower_z);
       b.slow[i] = slower;
-      b.shift[i] = level_shift(slower / faster);
+      b.shift[i] = level_shift(slower, faster);
     }
   } else {
     for (size_t i = 0; i < count; i++) {
@@ -133,8 +194,7 @@ EVS_ALWAYS_INLINE uint64_t use_up_budgets(const PixelStep& step, size_t first, s
   }
   for (size_t i = 0; i < count; i++) {
     const float decay = b.decay[i];
-    const float slow = b.slow[i];
-    const float sigma = std::sqrt(scale * decay / dn[i]);
+    const float precision = dn[i] / (scale * decay + 1e-24f);  // 1 / sigma^2
     const float kept = 1.0f - lowpass_a(decay);
     const float memory0 = memory[i];
     const float left = memory0 * kept;
@@ -142,10 +202,14 @@ EVS_ALWAYS_INLINE uint64_t use_up_budgets(const PixelStep& step, size_t first, s
     const float memory1 = select(forgotten, 0.0f, left);
     b.memory[i] = memory1;
     b.mean[i] = select(forgotten, 0.0f, mean[i] * kept);
-    b.passages[i] = slow / (1.0f - memory0 * memory1 + 0x1p-24f);
-    b.sigma[0][i] = sigma * unknown_share(memory0);
-    b.sigma[1][i] = sigma * unknown_share(memory1);
-    b.coarse[i] = (memory0 > kept) & (decay > 0.1f) ? 1u : 0u;
+    const float unknown0 = (1.0f - memory0) * (1.0f + memory0) + 0x1p-24f;
+    const float unknown1 = 1.0f / ((1.0f - memory1) * (1.0f + memory1) + 0x1p-24f);
+    b.precision[i] = precision;
+    b.passages[i] = b.slow[i] * unknown1;
+    b.inverse[0][i] = std::sqrt(precision / unknown0);
+    b.inverse[1][i] = std::sqrt(precision * unknown1);
+    b.farthest[i] = farthest_level(memory0);
+    b.relaxes[i] = (memory0 > kept) & (decay > 0.1f) ? 1u : 0u;
   }
   for (size_t i = 0; i < count; i++) {
     const double r = reference[i];
@@ -153,21 +217,34 @@ EVS_ALWAYS_INLINE uint64_t use_up_budgets(const PixelStep& step, size_t first, s
     b.above[0][i] = static_cast<float>(static_cast<double>(from[i]) - r) + mean[i];
     b.above[1][i] = static_cast<float>(static_cast<double>(to[i]) - sunk) + b.mean[i];
   }
-  const bool other_is_near = add_hazard<true>(theta_on, theta_off, count, b);
-  if (other_is_near) add_hazard<false>(theta_on, theta_off, count, b);
+  const NearLevels levels = order_levels(theta_on, theta_off, count, b);
+  if (static_cast<size_t>(std::popcount(levels.near[0])) > count / 2) {
+    add_all_levels(0, count, b);
+  } else {
+    add_packed_levels(0, levels.near[0], count, b);
+  }
+  add_packed_levels(1, levels.near[1], count, b);
+  // a hazard that no budget lasts for leaves a pixel to NoisyComparators
   const bool may_stand = !step.settings.references_follow();
+  float* __restrict least = b.least;
+  float* __restrict hazards = b.hazard;
+  for (size_t i = 0; i < count; i++) {
+    const bool still = may_stand & (memory[i] == 0.0f) & (from[i] == to[i]);
+    const float random = b.random[0][i] + b.random[1][i];
+    const float hazard = random + (b.moving[0][i] + b.moving[1][i]);
+    const float relaxing = select(b.relaxes[i] != 0, random * kCoarseParts, 0.0f);
+    hazards[i] = hazard;
+    least[i] = select(still, kBeyondBudgets, select(relaxing > hazard, relaxing, hazard));
+  }
+  for (uint64_t each = candidates; each != 0; each &= each - 1) {
+    least[std::countr_zero(each)] = kBeyondBudgets;
+  }
   uint64_t any = 0;
   for (size_t i = 0; i < count; i++) {
     const double r = reference[i];
     const double before = budget[i];
-    const double hazard = b.hazard[i];
-    const bool still = may_stand & (memory[i] == 0.0f) & (from[i] == to[i]);
-    const bool unclear =
-        (b.coarse[i] != 0) & (static_cast<double>(b.random[i]) > kCoarseHazard * before);
-    const bool candidate = (candidates >> i & 1) != 0;
-    const bool lasts = (hazard < before) & (r == r) & !still & !unclear & !candidate;
-    const double used = on_budget_grid(lasts ? hazard : 0.0);
-    budget[i] = before - used;
+    const bool lasts = (static_cast<double>(least[i]) < before) & (r == r);
+    budget[i] = before - on_budget_grid(select(lasts, static_cast<double>(hazards[i]), 0.0));
     b.flags[i] = lasts ? 0 : 1;
     any |= b.flags[i];
   }

@@ -2,10 +2,11 @@
 //
 // As Comparators (comparator.h), with levels that the sum of signal and noise reaches by first
 // passage (photon_noise.h): a step of time uses up the budget of the pixel by its hazard, and where
-// the hazard is larger there is an event, at which the noise is known. A step is halved while it is
-// coarse and noise may decide when the event comes.
+// the hazard is larger there is an event, at which the noise is known. Steps are short while the
+// noise loses its memory and may decide when the event comes.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -19,6 +20,7 @@ namespace evs {
 struct NoisyComparators {
   Comparators pixel;  // In/out: as there
   NoiseBand band;
+  NoiseStep whole;  // the step over the whole tick
   NoiseDraws draws;
   double leak = 0.0;    // log units per us, of a still pixel
   bool still = false;   // its signal stands still, and its reference moves by the leak alone
@@ -26,16 +28,17 @@ struct NoisyComparators {
   double mean = 0.0;    // In/out: of the noise, log units
   double memory = 0.0;  // In/out
 
-  NoisyComparators(const Comparators& comparators, const NoiseBand& at_light,
+  NoisyComparators(const Comparators& comparators, const NoiseBand& at_light, const NoiseStep& step,
                    const NoiseDraws& numbers)
-      : pixel(comparators), band(at_light), draws(numbers) {}
+      : pixel(comparators), band(at_light), whole(step), draws(numbers) {}
 
   template <bool NOISY>
   void run(uint32_t index, const std::vector<ShotCandidate>& shots, std::vector<Crossing>& out) {
     length = pixel.tick;
     v = (pixel.to - pixel.from) + pixel.drift;
     r = pixel.reference;
-    if (r != r) {
+    const bool stepped = r == r;  // `whole` is of this reference
+    if (!stepped) {
       if (pixel.blind_until > pixel.begin_us + pixel.tick) {
         forget(length);
         return;
@@ -59,7 +62,7 @@ struct NoisyComparators {
     for (size_t k = 0; k <= count; k++) {
       if (k < count && shots[k].pixel != index) continue;
       const double until = k < count ? shots[k].offset : pixel.tick;
-      if (!advance(until, out)) return;
+      if (!advance(until, stepped && now == 0.0 && until == length, out)) return;
       if (k == count) break;
       const double draw = shots[k].draw_hz;
       const uint32_t stamp = shots[k].offset;
@@ -104,10 +107,9 @@ struct NoisyComparators {
   }
 
   // From here on the noise is known.
-  void know(double value, int64_t us) {
+  void know(double value) {
     mean = value;
     memory = 1.0;
-    budget = draws.renew(pixel.begin_us + us);
   }
 
   // Sample the noise, and set the reference to signal and noise.
@@ -116,7 +118,8 @@ struct NoisyComparators {
         mean + band.sigma * unknown_share(memory) * draws.standard_normal(pixel.begin_us + us);
     now = static_cast<double>(us);
     r = on_grid(signal_at(now) + value);
-    know(value, us);
+    know(value);
+    budget = draws.renew(pixel.begin_us + us);
   }
 
   // Whether a row read, which lifts the signal for an instant, lifts it to the ON threshold: the
@@ -124,11 +127,12 @@ struct NoisyComparators {
   bool lifted_to_threshold() {
     const double sigma = band.sigma * unknown_share(memory);
     const double distance = pixel.theta_on - (signal_at(now) - r) - mean;
-    const double lifted = in_deviations(distance - pixel.crosstalk, sigma);
-    const double passed =
-        lifted < kPassed
-            ? kCertain
-            : kPassageTable.loss_at(lifted) - kPassageTable.loss_at(in_deviations(distance, sigma));
+    const double scale = 1.0 / (sigma + 1e-12);
+    const double lifted = in_deviations((distance - pixel.crosstalk) * scale, 8.0);
+    const double passed = lifted < kPassed
+                              ? kCertain
+                              : kPassageTable.loss_at(lifted) -
+                                    kPassageTable.loss_at(in_deviations(distance * scale, 8.0));
     if (passed >= budget) return true;
     budget -= on_budget_grid(passed);
     return false;
@@ -164,118 +168,142 @@ struct NoisyComparators {
     emit(out, stamp, up, cause);
     r += up ? pixel.theta_on : -pixel.theta_off;
     // noise fires once a us
-    now = cause == Cause::shot ? (us < length - 1.0 ? std::floor(us) + 1.0 : length) : us;
-    know(r - signal_at(now), stamp);
-    return blind(stamp);
+    now = cause != Cause::shot ? us : rounded > now ? rounded : std::floor(now) + 1.0;
+    now = now < length ? now : length;
+    know(r - signal_at(now));
+    if (pixel.refractory > 0) return blind(stamp);
+    budget = draws.renew(pixel.begin_us + stamp);
+    return true;
   }
 
-  // Of a level that goes from x0 to x1 deviations.
-  double mean_rate(double x0, double x1) const {
-    const double rates = kPassageTable.rate_at(band.shift, x0) +
-                         4.0 * kPassageTable.rate_at(band.shift, 0.5 * (x0 + x1)) +
-                         kPassageTable.rate_at(band.shift, x1);
-    return rates / 6.0;
+  // The mean rate of first passages over a straight way from x to x + length.
+  double mean_rate(double x, double length) const {
+    return kPassageTable.rate_at(band.shift, x) *
+           mean_over_way(x, kPassageTable.slope_at(x), length);
   }
 
-  // The hazard of a level from x0 to x1 deviations in a step.
-  struct Level {
-    double x0, x1, passages = 0.0, loss = 0.0;
-  };
-
-  Level level(double distance0, double distance1, double sigma0, double sigma1,
-              double passages) const {
-    Level level;
-    level.x0 = in_deviations(distance0, sigma0);
-    level.x1 = in_deviations(distance1, sigma1);
-    if (level.x0 >= kFarLevel && level.x1 >= kFarLevel) return level;
-    level.passages = passages * mean_rate(level.x0, level.x1);
-    const double fallen = kPassageTable.loss_at(level.x1) - kPassageTable.loss_at(level.x0);
-    level.loss = level.x1 < kPassed ? kCertain : fallen > 0.0 ? fallen : 0.0;
+  NoiseLevel level(double x0, double x1, double passages) const {
+    NoiseLevel level{x0, x1};
+    const double near = x0 < x1 ? x0 : x1;
+    if (near >= kFarLevel) return level;
+    level.random = passages * mean_rate(near, std::abs(x1 - x0));
+    if (x1 < x0) {
+      level.moving = kPassageTable.loss_at(x1) - kPassageTable.loss_at(x0);
+    }
+    if (x1 < kPassed) level.moving = kCertain;
     return level;
   }
 
-  // Whether the noise loses much of its memory in a step.
-  bool relaxes(double dt, double kept) const { return memory > kept && band.decay * dt > 0.1; }
+  // Where on its way a level has used up a budget: x deviations.
+  struct Place {
+    double x;
+    bool random;  // the noise did it, not the way of the level
+  };
+
+  // Of a level that nears the mean. Its hazard up to x1 is at least `used`.
+  Place place_of(const NoiseLevel& level, double passages, double used) const {
+    const double start = kPassageTable.loss_at(level.x0);
+    const double rate = passages / (level.x0 - level.x1);
+    const double farthest = std::min<double>(level.x0, kFarLevel);
+    Place place{level.x1, false};
+    if (level.moving > used) {
+      place.x = std::max(level.x1, kPassageTable.level_of_loss(start + used));
+    }
+    for (int i = 0; i < 4; i++) {
+      const double x = place.x;
+      const double gone = level.x0 - x;
+      const double slope = kPassageTable.slope_at(x);
+      const double passing = rate * kPassageTable.rate_at(band.shift, x);
+      const double random = passing * gone * mean_over_way(x, slope, gone);
+      if (random < 0.01 * used) break;
+      // from behind the place, the nearer of two estimates: for a hazard that is exponential in x,
+      // and for one that is constant
+      const double all = random + kPassageTable.loss_at(x) - start;
+      double before = gone - 2.0 * all * (all - used) / ((all + used) * (passing + slope));
+      if (all > used) before = std::max(before, gone * (used / all));
+      place = {std::clamp(level.x0 - before, level.x1, farthest), passing > slope};
+      if (all < 2.0 * used) break;
+    }
+    return place;
+  }
+
+  NoiseStep step_to(double end) const {
+    NoiseStep step;
+    const double dt = end - now;
+    const double kept = keep(dt);
+    step.memory1 = memory * kept < kForgotten ? 0.0 : memory * kept;
+    step.mean1 = step.memory1 > 0.0 ? mean * kept : 0.0;
+    step.passages = band.slow * dt / (1.0 - step.memory1 * step.memory1 + 0x1p-40);
+    const double scale0 = 1.0 / (band.sigma * unknown_share(memory) + 1e-12);
+    const double scale1 = 1.0 / (band.sigma * unknown_share(step.memory1) + 1e-12);
+    const double farthest = farthest_level(memory);
+    const double above0 = (signal_at(now) - r) + mean;
+    const double above1 = (signal_at(end) - r) + step.mean1;
+    step.on = level(in_deviations((pixel.theta_on - above0) * scale0, farthest),
+                    in_deviations((pixel.theta_on - above1) * scale1, farthest), step.passages);
+    step.off = level(in_deviations((pixel.theta_off + above0) * scale0, farthest),
+                     in_deviations((pixel.theta_off + above1) * scale1, farthest), step.passages);
+    return step;
+  }
+
+  // Where in a step up to `end` its level has come to x deviations, as a share of the step.
+  double share_of(const NoiseStep& step, bool up, double x, double end) const {
+    const NoiseLevel& level = up ? step.on : step.off;
+    double share = (level.x0 - x) / (level.x0 - level.x1);
+    if (memory == 0.0) return share;
+    const double above0 = (signal_at(now) - r) + mean;
+    const double above1 = (signal_at(end) - r) + step.mean1;
+    const double distance0 = up ? pixel.theta_on - above0 : pixel.theta_off + above0;
+    const double nearer = up ? above1 - above0 : above0 - above1;
+    for (int i = 0; i < 2; i++) {
+      const double known = memory + (step.memory1 - memory) * share;
+      const double left = distance0 - x * band.sigma * unknown_share(known);
+      share = nearer > 0.0 ? std::clamp(left / nearer, 0.0, 1.0) : share;
+    }
+    return share;
+  }
 
   // Step up to `until`, with all events before it; false if the pixel is blind for the rest.
-  bool advance(double until, std::vector<Crossing>& out) {
+  bool advance(double until, bool is_whole, std::vector<Crossing>& out) {
     double end = until;
     while (now < until) {
+      const NoiseStep step = is_whole ? whole : step_to(end);
+      is_whole = false;
       const double dt = end - now;
-      const double kept = keep(dt);
-      const double memory1 = memory * kept < kForgotten ? 0.0 : memory * kept;
-      const double mean1 = memory1 > 0.0 ? mean * kept : 0.0;
-      const double sigma0 = band.sigma * unknown_share(memory);
-      const double sigma1 = band.sigma * unknown_share(memory1);
-      const double above0 = (signal_at(now) - r) + mean;
-      const double above1 = (signal_at(end) - r) + mean1;
-      const double passages = band.slow * dt / (1.0 - memory * memory1 + 0x1p-40);
-      const Level on =
-          level(pixel.theta_on - above0, pixel.theta_on - above1, sigma0, sigma1, passages);
-      const Level off =
-          level(pixel.theta_off + above0, pixel.theta_off + above1, sigma0, sigma1, passages);
-      const double limit = kCoarseHazard * budget;
-      bool up = on.loss > off.loss;
-      const Level& moving = up ? on : off;
-      if (moving.loss >= budget) {
-        // the signal moves the level past the noise: the event is where the loss reaches the
-        // budget, or earlier by what passages of the noise use up of it
-        const double distance0 = up ? pixel.theta_on - above0 : pixel.theta_off + above0;
-        const double distance1 = up ? pixel.theta_on - above1 : pixel.theta_off + above1;
-        const double loss0 = kPassageTable.loss_at(moving.x0);
-        double place = 0.5;
-        double known = memory;
-        double x = moving.x1;
-        auto cross_at = [&](double loss) {
-          x = kPassageTable.level_of_loss(loss0 + loss);
-          for (int i = 0; i < 2; i++) {
-            known = memory + (memory1 - memory) * place;
-            const double part =
-                (distance0 - x * band.sigma * unknown_share(known)) / (distance0 - distance1);
-            place = part > 0.0 ? (part < 1.0 ? part : 1.0) : 0.0;
-          }
-        };
-        cross_at(budget);
-        const double earlier =
-            band.slow * (place * dt) / (1.0 - memory * known + 0x1p-40) * mean_rate(moving.x0, x);
-        const bool rough = moving.x0 - x > 1.0 || relaxes(dt, kept);
-        if (rough && place * dt > 1.0 && earlier > limit) {
-          end = now + 0.5 * (place * dt);
-          continue;
-        }
-        Cause cause = cause_of(pixel.to - pixel.from, pixel.drift, pixel.drift_cause);
-        if (earlier >= budget) {
-          cause = Cause::shot;
-          place *= budget / earlier;
-        } else if (earlier > 0.1 * budget) {
-          cross_at(budget - earlier);
-        }
-        if (!fire(out, now + place * dt, up, cause)) return false;
-        end = until;
+      const double random = step.on.random + step.off.random;
+      // a step in which the noise loses its memory, and may fire, is short
+      if (memory > kKnown && band.decay * dt > kShortStep && dt > 1.0 &&
+          random * kCoarseParts > budget) {
+        end = now + std::max(1.0, 0.9 * kShortStep / band.decay);
         continue;
       }
-      const double random = on.passages + off.passages;
-      const bool coarse =
-          std::abs(on.x1 - on.x0) > 1.0 || std::abs(off.x1 - off.x0) > 1.0 || relaxes(dt, kept);
-      if (coarse && dt > 1.0 && random > limit) {
-        end = now + 0.5 * dt;
-        continue;
-      }
-      const double hazard = random + on.loss + off.loss;
+      const double hazard = random + (step.on.moving + step.off.moving);
       if (hazard < budget) {
         budget -= on_budget_grid(hazard);
         now = end;
-        mean = mean1;
-        memory = memory1;
+        mean = step.mean1;
+        memory = step.memory1;
         end = until;
         continue;
       }
-      const double on_share = on.passages + on.loss;
-      up = draws.polarity(pixel.begin_us + static_cast<int64_t>(now)) * hazard < on_share;
-      const bool moved = (up ? on.loss : off.loss) > random && sigma1 == sigma0;
-      const Cause cause =
-          moved ? cause_of(pixel.to - pixel.from, pixel.drift, pixel.drift_cause) : Cause::shot;
-      if (!fire(out, now + budget / hazard * dt, up, cause)) return false;
+      // draw the level that is reached, and find where its part of the hazard is used up
+      const double on = step.on.hazard();
+      bool up = on > 0.0;
+      if (up && on < hazard) {
+        up = draws.polarity(pixel.begin_us + static_cast<int64_t>(now)) * hazard < on;
+      }
+      const NoiseLevel& level = up ? step.on : step.off;
+      double share = budget / hazard;
+      Cause cause = Cause::shot;
+      if (level.x1 < level.x0) {
+        const Place place = place_of(level, step.passages, share * level.hazard());
+        share = share_of(step, up, place.x, end);
+        const bool moved = std::abs(v) * (dt / length) >= std::abs(mean - step.mean1);
+        if (moved && !place.random) {
+          cause = cause_of(pixel.to - pixel.from, pixel.drift, pixel.drift_cause);
+        }
+      }
+      if (!fire(out, now + share * dt, up, cause)) return false;
       end = until;
     }
     return true;

@@ -44,7 +44,8 @@ inline double first_noise(const PixelStep& step, size_t pixel, float dn) {
 // The comparators of a pixel in any state: at a threshold, without a reference, or with noise.
 template <bool NOISY>
 void compare(const PixelStep& step, size_t pixel, float from, float to, float dn, double reference,
-             double drift, const std::vector<ShotCandidate>& shots, std::vector<Crossing>& out) {
+             double drift, const BudgetScratch& budgets, const std::vector<ShotCandidate>& shots,
+             std::vector<Crossing>& out) {
   const PixelPattern& pattern = step.pattern;
   const PixelArrays& arrays = step.arrays;
   if (reference != reference && arrays.last_log[pixel] != arrays.last_log[pixel]) {
@@ -79,10 +80,15 @@ void compare(const PixelStep& step, size_t pixel, float from, float to, float dn
   const uint32_t index = static_cast<uint32_t>(pixel % kBlock);
   if (arrays.noise_budget != nullptr) {
     const bool leaks = pattern.leak != nullptr;
-    NoisyComparators noisy(comparators, noise_at(step.settings, dn),
+    const bool still = from == to && !step.settings.references_follow();
+    // that of a still pixel must not depend on the tick
+    const NoiseBand band = still && arrays.noise_memory[pixel] == 0.0f
+                               ? noise_at(step.settings, dn)
+                               : noise_band_of(budgets, index, step.tick.us);
+    NoisyComparators noisy(comparators, band, noise_step(budgets, index),
                            noise_draws(step.settings, pixel));
     noisy.leak = leaks ? leak_rate(step, pixel, dn) : 0.0;
-    noisy.still = from == to && !step.settings.references_follow();
+    noisy.still = still;
     noisy.budget = arrays.noise_budget[pixel];
     noisy.mean = arrays.noise_mean[pixel];
     noisy.memory = arrays.noise_memory[pixel];
@@ -358,9 +364,11 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
     const double r = drifts ? s.reference[i] : reference[i];
     const double drift = drifts ? s.drift[i] : 0.0;
     if ((noisy >> i & 1) != 0) {
-      compare<true>(step, first + i, signal.from[i], signal.to[i], s.dn[i], r, drift, shots, out);
+      compare<true>(step, first + i, signal.from[i], signal.to[i], s.dn[i], r, drift, budgets,
+                    shots, out);
     } else if (r != r || photon_noise) {
-      compare<false>(step, first + i, signal.from[i], signal.to[i], s.dn[i], r, drift, shots, out);
+      compare<false>(step, first + i, signal.from[i], signal.to[i], s.dn[i], r, drift, budgets,
+                     shots, out);
     } else if (refractory) {
       compare_simple<true>(step, first + i, signal.from[i], signal.to[i], r, drift, out);
     } else {

@@ -67,12 +67,12 @@ class ReferenceModel:
         shots = self._shots(state, pattern, tick_us)
         self._add_row_reads(shots, t_begin_us, t_end_us)
 
-        noisy = np.zeros(dn.shape, bool)
+        budgets = None
         if state.noise_budget is not None:
             shots = {i: of for i, of in shots.items() if self._accepts(of, pattern, dn, i)}
             candidates = np.zeros(dn.shape, bool)
             candidates.reshape(-1)[list(shots)] = True
-            noisy = photon_noise.use_up_budgets(
+            budgets = photon_noise.use_up_budgets(
                 self.sensor, pattern, state, dn, (start, end), drift, tick_us, candidates
             )
 
@@ -89,7 +89,7 @@ class ReferenceModel:
                     noise = photon_noise.first_noise(self.sensor, state, i, dn_of_pixel, first_us)
                 reference[i] = on_grid(float(end.flat[i]) - phase + noise)
                 continue
-            if state.noise_budget is not None and not noisy.flat[i]:
+            if budgets is not None and not budgets.left.flat[i]:
                 reference[i] -= float(drift.flat[i])
                 continue
             pixel = PixelTick(
@@ -123,7 +123,7 @@ class ReferenceModel:
                 found, reference[i], blind_until_us = compare(pixel)
             else:
                 found, reference[i], blind_until_us = photon_noise.step_pixel(
-                    self.sensor, pattern, state, i, dn, pixel
+                    self.sensor, pattern, state, i, dn, pixel, budgets
                 )
             events += [(event, i) for event in found]
             if state.blind_until is not None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cache
+from typing import TypeVar
 
 import numpy as np
 
@@ -25,30 +26,29 @@ from evs.emulator.sensor.reference.filters import (
     one_minus_exp,
     share_of_tick,
 )
-from evs.emulator.sensor.reference.noise import (
-    ROW_READ,
-    exponential,
-    hash_bits,
-    leak,
-    normal,
-    on_grid,
-    uniform,
-)
+from evs.emulator.sensor.reference.light import natural_log
+from evs.emulator.sensor.reference.noise import ROW_READ, hash_bits, leak, on_grid, uniform
 from evs.msgs import Cause
 
 FAR, PASSED, CERTAIN = 6.0, -7.0, 30.0
-FORGOTTEN = 2.0**-10
-COARSE = 0.02
+FORGOTTEN, KNOWN = 2.0**-10, 0.1
+SHORT_STEP, COARSE_PARTS = 0.25, 50.0
 CELLS = 512
 
+_EXP2 = "0x1.c0d85ep-7 0x1.43ef6ap-4 0x1.5bdfb0p-2 0x1.f5df8cp-1 0x1.6a09eap+0"
 _RATE = (
-    "-0x1.1ec48cp+3 -0x1.05ac36p+0 0x1.53adfep+4 0x1.4b056p+2 -0x1.291d9cp+4 "
-    "-0x1.dc26c6p+3 -0x1.ed776cp+2 -0x1.8d04dep+2 -0x1.b1e422p-10"
+    "-0x1.d0e916p-16 0x1.7393aap-12 -0x1.1074b2p-14 -0x1.4b5c98p-7 "
+    "-0x1.1341bep-5 -0x1.484658p-3 -0x1.25b848p+0 -0x1.1ba916p-7"
+)
+_SLOPE = (
+    "-0x1.302b28p-14 0x1.36e814p-10 -0x1.204538p-9 -0x1.f1d488p-5 "
+    "-0x1.1d8b7cp-2 -0x1.22aef2p+0 -0x1.43b014p-2"
 )
 _LOSS = (
     "-0x1.3bd722p+1 -0x1.0ffc32p+2 0x1.6cd316p+2 0x1.4ae1dp+3 -0x1.4366ap+2 "
     "-0x1.03d2a6p+4 -0x1.b3b8aep+3 -0x1.27535ep+3 -0x1.6f5184p-2"
 )
+_SINE = "-0x1.1e752p+6 0x1.45a272p+6 -0x1.4ab6cep+5 0x1.921fa2p+2"
 _f = np.float32
 
 
@@ -57,35 +57,66 @@ def on_budget_grid(value: float) -> float:
     return (value + 96.0) - 96.0
 
 
-def _from_fit(fit: str, t: F32) -> F32:
-    """e to the fit at 8 t deviations."""
+def _fit(fit: str, x: F32) -> F32:
     first, *rest = (_f(float.fromhex(number)) for number in fit.split())
-    p = np.full_like(t, first)
+    p = np.full_like(x, first)
     for coefficient in rest:
-        p = p * t + coefficient
-    below = _f(4) - p
-    value: F32 = _f(float.fromhex("0x1.b4c902p+5")) * exp_minus(
-        np.where(below < SETTLED, below, SETTLED)
-    )
+        p = p * x + coefficient
+    return p
+
+
+def _exp2(log: F32) -> F32:
+    above = log + _f(64)
+    whole = above.astype(np.int32)
+    f = (above - whole.astype(np.float32)) - _f(0.5)
+    scale = np.ldexp(_f(1), whole - 64).astype(np.float32)
+    value: F32 = scale * _fit(_EXP2, f)
     return value
 
 
-def passage_rate(shift: F32, x: F32) -> F32:
-    """Rate of first passages at a level x, in units of the slower pole."""
-    level = x + shift / (_f(1) + _f(0.23) * np.where(x > 0, x, _f(0)) * shift)
-    rate = _from_fit(_RATE, np.where(level < 7, level, _f(7)) * _f(0.125))
-    return np.where(x < FAR, rate, _f(0))
+def one_pole_rate(x: F32) -> F32:
+    """Rate of first passages of a process with one pole at a level, in units of the pole."""
+    return _exp2(_fit(_RATE, x))
+
+
+def loss_slope(x: F32) -> F32:
+    """By how much the loss falls with x, phi / Phi."""
+    return _exp2(_fit(_SLOPE, x))
 
 
 def passage_loss(x: F32) -> F32:
     """-ln Phi."""
-    return np.where(x < FAR, _from_fit(_LOSS, x * _f(0.125)), _f(0))
+    below = _f(4) - _fit(_LOSS, x * _f(0.125))
+    loss = _f(float.fromhex("0x1.b4c902p+5")) * exp_minus(np.where(below < SETTLED, below, SETTLED))
+    return np.where(x < FAR, loss, _f(0))
+
+
+def shifted_level(shift: F32, x: F32) -> F32:
+    """x as seen by a process with one pole."""
+    return x + shift / (_f(1) + _f(0.23) * np.where(x > 0, x, _f(0)) * shift)
+
+
+Real = TypeVar("Real", F32, float)
+
+
+def mean_over_way(x: Real, slope: Real, length: Real) -> Real:
+    """Mean over a straight way from x of a hazard that is 1 there."""
+    fall = x + slope
+    straight = fall * length
+    bent = (1 - slope * fall) * length * length
+    d = 3 + straight
+    n = straight * d + bent
+    square = n * n
+    part = d * (12 * d + 3 * n) + 0.5 * square
+    mean: Real = d * part / ((d + 0.5 * n) * part + square * (d + 0.25 * n))
+    return mean
 
 
 @cache
-def _tables() -> tuple[list[float], list[float]]:
+def _tables() -> tuple[list[float], list[float], list[float]]:
     x = np.arange(CELLS + 1, dtype=np.float32) * _f(16.0 / CELLS) - _f(8)
-    return passage_rate(np.zeros_like(x), x).tolist(), passage_loss(x).tolist()
+    within = np.clip(x, _f(-3), _f(7))
+    return one_pole_rate(within).tolist(), loss_slope(within).tolist(), passage_loss(x).tolist()
 
 
 def _read(table: list[float], x: float) -> float:
@@ -95,27 +126,26 @@ def _read(table: list[float], x: float) -> float:
 
 
 def rate_at(shift: float, x: float) -> float:
-    """As passage_rate, of one pixel."""
+    """Rate of first passages at a level, in units of the slower pole, of one pixel."""
     if not x < FAR:
         return 0.0
-    level = x + shift / (1.0 + 0.23 * x * shift) if x > 0.0 else x + shift
+    level = x + shift / (1.0 + 0.23 * max(x, 0.0) * shift)
     return _read(_tables()[0], level) if level < FAR else 0.0
 
 
-def mean_rate(shift: float, x0: float, x1: float) -> float:
-    """Of a level that goes from x0 to x1 deviations."""
-    rates = rate_at(shift, x0) + 4.0 * rate_at(shift, 0.5 * (x0 + x1)) + rate_at(shift, x1)
-    return rates / 6.0
+def slope_at(x: float) -> float:
+    """As loss_slope, of one pixel."""
+    return _read(_tables()[1], x)
 
 
 def loss_at(x: float) -> float:
     """As passage_loss, of one pixel."""
-    return _read(_tables()[1], x) if x < FAR else 0.0
+    return _read(_tables()[2], x) if x < FAR else 0.0
 
 
 def level_of_loss(value: float) -> float:
     """Deviations at which the loss has a value."""
-    table, low, high = _tables()[1], 0, CELLS
+    table, low, high = _tables()[2], 0, CELLS
     while high - low > 1:
         half = (low + high) // 2
         if table[half] > value:
@@ -126,9 +156,14 @@ def level_of_loss(value: float) -> float:
     return (low + part) * (16.0 / CELLS) - 8.0
 
 
-def deviations(distance: float, sigma: float) -> float:
-    """A distance from the mean in deviations, limited to the tables."""
-    return max(-8.0, min(8.0, distance / (sigma + 1e-12)))
+def deviations(x: float, farthest: float = 8.0) -> float:
+    """Limited on both sides."""
+    return max(-8.0, min(farthest, x))
+
+
+def farthest_level(memory: float) -> float:
+    """Where a level comes from, at most, deviations."""
+    return 8.0 if memory > 0.0 else 1e4
 
 
 def unknown_share(memory: float) -> float:
@@ -160,8 +195,8 @@ class Band:
         second = turn * sensor.follower_hz
         if first > 0.0 and second > 0.0:
             slow, fast = min(first, second), max(first, second)
-            decay, ratio = first * second / (first + second), slow / fast
-            shift = 1.43 * math.sqrt(ratio / (1.0 + 0.39 * ratio))
+            decay = first * second / (first + second)
+            shift = 1.43 * math.sqrt(slow / (fast + 0.39 * slow))
         else:
             slow = decay = first or second
             shift = 0.0
@@ -187,16 +222,26 @@ class Draws:
         """The budget after an event at this time."""
         self.repeat = min(self.repeat + 1, 63) if us == self.last_us else 0
         self.last_us = us
-        drawn = exponential(hash_bits(self.key, self._counter(us)))
-        return max(on_budget_grid(min(drawn, 28.0)), 2.0**-46)
+        drawn = on_budget_grid(_minus_ln(hash_bits(self.key, self._counter(us))))
+        return drawn if drawn > 0.0 else 2.0**-46
 
     def normal(self, us: int) -> float:
         """A standard normal number."""
-        return normal(self.key, self._counter(us))
+        bits = hash_bits(self.key, self._counter(us) + 1)
+        half = bits & 0xFFFFFFFF
+        turn = _f(half - 2**32 if half >= 2**31 else half) * _f(2.0**-32)
+        up = _f(0.25) - abs(turn)
+        sine = _fit(_SINE, np.array([up * up], np.float32))[0] * up
+        return float(np.sqrt(_f(2) * _f(_minus_ln(bits))) * sine)
 
     def polarity(self, us: int) -> float:
         """A number in [0, 1)."""
-        return uniform(hash_bits(self.key, self._counter(us) + 3))
+        return uniform(hash_bits(self.key, self._counter(us) + 2))
+
+
+def _minus_ln(bits: int) -> float:
+    uniform_number = np.array([(bits >> 40) + 1]).astype(np.float32) * _f(2.0**-24)
+    return max(-float(natural_log(uniform_number)[0]), 0.0)
 
 
 def first_noise(sensor: SensorParameters, state: PlainState, i: int, dn: float, us: int) -> float:
@@ -216,6 +261,76 @@ def _store(state: PlainState, i: int, budget: float, mean: float, memory: float)
     state.noise_memory.flat[i] = memory
 
 
+@dataclass(frozen=True)
+class Level:
+    """A level in a step of time: deviations at its start and end, and its hazards."""
+
+    x0: float
+    x1: float
+    random: float = 0.0
+    moving: float = 0.0
+
+    @property
+    def hazard(self) -> float:
+        """Of noise and movement."""
+        return self.random + self.moving
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of time of one pixel."""
+
+    memory1: float
+    mean1: float
+    passages: float
+    on: Level
+    off: Level
+
+
+@dataclass(frozen=True)
+class Budgets:
+    """What a tick makes of the budgets of all pixels."""
+
+    left: np.ndarray
+    """(h, w) bool, pixels whose budget does not last"""
+    tick_us: int
+    poles: tuple[F32, F32, F32, F32]
+    """decay and slower pole, as z, shift, and 1 / sigma^2"""
+    step: tuple[F32, F32, F32]
+    """memory and mean at the end, and passages"""
+    on: tuple[F32, F32, F32, F32]
+    """as the fields of Level"""
+    off: tuple[F32, F32, F32, F32]
+
+    def band(self, i: int) -> Band:
+        """Of pixel i."""
+        decay, slow, shift, precision = (of.flat[i] for of in self.poles)
+        us = float(self.tick_us)
+        sigma = 1.0 / float(np.sqrt(precision))
+        return Band(sigma, float(decay) / us, float(slow) / us, float(shift))
+
+    def whole(self, i: int) -> Step:
+        """The step of pixel i over the whole tick."""
+        on, off = (Level(*(float(of.flat[i]) for of in level)) for level in (self.on, self.off))
+        memory1, mean1, passages = (float(of.flat[i]) for of in self.step)
+        return Step(memory1, mean1, passages, on, off)
+
+
+def _level_hazard(x0: F32, x1: F32, shift: F32, passages: F32) -> tuple[F32, F32]:
+    x = np.where(x0 < x1, x0, x1)
+    fallen = np.where(x1 < x0, x0 - x1, _f(0))
+    risen = np.where(x1 < x0, _f(0), x1 - x0)
+    above = np.where(x > -3, x, _f(-3))
+    within = np.where(above < 7, above, _f(7))
+    slope = loss_slope(within)
+    mean = mean_over_way(within, slope, fallen + risen)
+    level = shifted_level(shift, within)
+    rate = one_pole_rate(np.where(level < 7, level, _f(7)))
+    moving = np.where(x < FAR, slope * fallen * mean, _f(0))
+    random = np.where(x < FAR, passages * rate * mean, _f(0))
+    return random, np.where(x1 < PASSED, _f(CERTAIN), moving)
+
+
 def use_up_budgets(
     sensor: SensorParameters,
     pattern: FixedPattern,
@@ -225,8 +340,8 @@ def use_up_budgets(
     drift: F64,
     tick_us: int,
     candidates: np.ndarray,
-) -> np.ndarray:
-    """Step the pixels whose budget lasts through a tick; (h, w) bool, which ones do not."""
+) -> Budgets:
+    """Step the pixels whose budget lasts through a tick."""
     assert state.noise_budget is not None
     assert state.noise_mean is not None
     assert state.noise_memory is not None
@@ -235,58 +350,57 @@ def use_up_budgets(
     with np.errstate(all="ignore"):
         if sensor.cutoff_hz and sensor.follower_hz:
             slow, fast = np.minimum(z, follower_z), np.maximum(z, follower_z)
-            decay, ratio = z * follower_z / (z + follower_z), slow / fast
-            shift = _f(1.43) * np.sqrt(ratio / (_f(1) + _f(0.39) * ratio))
+            decay = z * follower_z / (z + follower_z)
+            shift = _f(1.43) * np.sqrt(slow / (fast + _f(0.39) * slow))
         else:
             decay = slow = z if sensor.cutoff_hz else np.full_like(dn, follower_z)
             shift = np.zeros_like(dn)
         scale = _f(sensor.photon_scale_us / tick_us)
-        sigma = np.sqrt(scale * decay / dn)
+        precision = dn / (scale * decay + _f(1e-24))
         kept = _f(1) - one_minus_exp(at_most(decay, SETTLED))
         memory0 = state.noise_memory
         left = memory0 * kept
         memory1 = np.where(left < FORGOTTEN, _f(0), left)
         mean1 = np.where(left < FORGOTTEN, _f(0), state.noise_mean * kept)
-        passages = slow / (_f(1) - memory0 * memory1 + _f(2.0**-24))
-        sigmas = [sigma * np.sqrt((_f(1) - m) * (_f(1) + m)) for m in (memory0, memory1)]
-        coarse = (memory0 > kept) & (decay > _f(0.1))
+        unknown0 = (_f(1) - memory0) * (_f(1) + memory0) + _f(2.0**-24)
+        unknown1 = _f(1) / ((_f(1) - memory1) * (_f(1) + memory1) + _f(2.0**-24))
+        passages = (slow * unknown1).astype(np.float32)
+        inverse = np.sqrt(precision / unknown0), np.sqrt(precision * unknown1)
+        farthest = np.where(memory0 > 0, _f(8), _f(1e4))
+        relaxes = (memory0 > kept) & (decay > _f(0.1))
         above = [
             (start.astype(np.float64) - state.reference).astype(np.float32) + state.noise_mean,
             (end.astype(np.float64) - (state.reference - drift)).astype(np.float32) + mean1,
         ]
-        on = [pattern.on - each for each in above]
-        off = [pattern.off + each for each in above]
-        on_is_nearer = np.minimum(*on) < np.minimum(*off)
-        random = hazard = np.zeros_like(dn)
-        for nearer in (True, False):
-            levels = [np.where(on_is_nearer == nearer, a, b) for a, b in zip(on, off, strict=True)]
-            x0, x1 = (_clip(d / (s + _f(1e-12))) for d, s in zip(levels, sigmas, strict=True))
-            rates = (
-                passage_rate(shift, x0)
-                + _f(4) * passage_rate(shift, _f(0.5) * (x0 + x1))
-                + passage_rate(shift, x1)
-            )
-            noise = passages * (rates * _f(float.fromhex("0x1.555556p-3")))
-            fallen = passage_loss(x1) - passage_loss(x0)
-            moving = np.where(x1 < PASSED, _f(CERTAIN), np.where(fallen > 0, fallen, _f(0)))
-            random, hazard = random + noise, hazard + (noise + moving)
-            far = (x0 >= FAR) & (x1 >= FAR)
-            coarse |= ((x1 - x0 > 1) | (x1 - x0 < -1)) & ~far
+        on = [_clip((pattern.on - a) * by, farthest) for a, by in zip(above, inverse, strict=True)]
+        off = [
+            _clip((pattern.off + a) * by, farthest) for a, by in zip(above, inverse, strict=True)
+        ]
+        on_hazard = _level_hazard(on[0], on[1], shift, passages)
+        off_hazard = _level_hazard(off[0], off[1], shift, passages)
+        random = on_hazard[0] + off_hazard[0]
+        hazard = random + (on_hazard[1] + off_hazard[1])
     budget = state.noise_budget
     still = (memory0 == 0) & (start == end) & (sensor.highpass_hz == 0.0)
-    unclear = coarse & (random.astype(np.float64) > COARSE * budget)
-    lasts = (hazard < budget) & ~np.isnan(state.reference) & ~still & ~unclear & ~candidates
+    least = np.maximum(hazard, np.where(relaxes, random * _f(COARSE_PARTS), _f(0)))
+    lasts = (least < budget) & ~np.isnan(state.reference) & ~still & ~candidates
     used = np.where(lasts, hazard.astype(np.float64), 0.0)
     state.noise_budget = budget - ((used + 96.0) - 96.0)
     state.noise_memory = np.where(lasts, memory1, memory0)
     state.noise_mean = np.where(lasts, mean1, state.noise_mean)
-    remaining: np.ndarray = ~lasts
-    return remaining
+    return Budgets(
+        ~lasts,
+        tick_us,
+        (decay, slow, shift, precision),
+        (memory1, mean1, passages),
+        (on[0], on[1], *on_hazard),
+        (off[0], off[1], *off_hazard),
+    )
 
 
-def _clip(x: F32) -> F32:
+def _clip(x: F32, farthest: F32) -> F32:
     above = np.where(x > -8, x, _f(-8))
-    return np.where(above < 8, above, _f(8))
+    return np.where(above < farthest, above, farthest)
 
 
 @dataclass
@@ -295,6 +409,8 @@ class NoisyPixel:
 
     p: PixelTick
     band: Band
+    whole: Step | None
+    """the step over the whole tick; None: there is none"""
     draws: Draws
     leak: float
     """log units per us"""
@@ -314,6 +430,7 @@ class NoisyPixel:
         p = self.p
         self.r = p.reference
         wake = p.blind_until_us - p.begin_us
+        whole = None if math.isnan(self.r) else self.whole
         if math.isnan(self.r):
             if wake > p.tick_us:
                 self._forget(float(p.tick_us))
@@ -321,12 +438,13 @@ class NoisyPixel:
             self._forget(float(wake))
             self._restart(wake)
         elif self.still and self.memory == 0.0:
-            until = p.shots[0].offset_us if p.shots else p.tick_us
-            if (blind := self._stand_still(until)) is not None:
+            first_us = p.shots[0].offset_us if p.shots else p.tick_us
+            if (blind := self._stand_still(first_us)) is not None:
                 return self.events, math.nan, blind
         for shot in (*p.shots, None):
-            blind = self._advance(float(p.tick_us if shot is None else shot.offset_us))
-            if blind is not None:
+            until = float(p.tick_us if shot is None else shot.offset_us)
+            is_whole = self.now == 0.0 and until == p.tick_us
+            if (blind := self._advance(until, whole if is_whole else None)) is not None:
                 return self.events, math.nan, blind
             if shot is None or shot.offset_us < self.now:
                 continue
@@ -356,8 +474,7 @@ class NoisyPixel:
         if self.memory < FORGOTTEN:
             self.memory = self.mean = 0.0
 
-    def _know(self, noise: float, us: int) -> None:
-        self.mean, self.memory = noise, 1.0
+    def _renew(self, us: int) -> None:
         self.budget = self.draws.renew(self.p.begin_us + us)
 
     def _restart(self, us: int) -> None:
@@ -366,7 +483,8 @@ class NoisyPixel:
         noise = self.mean + self.band.sigma * unknown_share(self.memory) * drawn
         self.now = float(us)
         self.r = float(on_grid(self._signal(self.now) + noise))
-        self._know(noise, us)
+        self.mean, self.memory = noise, 1.0
+        self._renew(us)
 
     def _blind(self, stamp: int) -> int | None:
         """Until when the pixel is blind, if that is beyond the tick."""
@@ -388,19 +506,23 @@ class NoisyPixel:
         self.last = stamp
         self.r += p.on if up else -p.off
         if cause == Cause.SHOT:
-            us = math.floor(us) + 1.0 if us < p.tick_us - 1.0 else float(p.tick_us)
-        self.now = us
-        self._know(self.r - self._signal(us), stamp)
+            late = float(math.ceil(us))
+            us = late if late > self.now else math.floor(self.now) + 1.0
+        self.now = us = min(us, float(p.tick_us))
+        self.mean, self.memory = self.r - self._signal(us), 1.0
+        if not p.refractory_us:
+            self._renew(stamp)
         return self._blind(stamp)
 
     def _lifted(self) -> bool:
         """Whether a row read fires the pixel; else it uses up some of the budget."""
         sigma = self.band.sigma * unknown_share(self.memory)
         distance = self.p.on - (self._signal(self.now) - self.r) - self.mean
-        lifted = deviations(distance - self.p.crosstalk, sigma)
+        scale = 1.0 / (sigma + 1e-12)
+        lifted = deviations((distance - self.p.crosstalk) * scale)
         passed = CERTAIN
         if not lifted < PASSED:
-            passed = loss_at(lifted) - loss_at(deviations(distance, sigma))
+            passed = loss_at(lifted) - loss_at(deviations(distance * scale))
         if passed >= self.budget:
             return True
         self.budget -= on_budget_grid(passed)
@@ -415,11 +537,11 @@ class NoisyPixel:
 
         def on_level(us: float) -> float:
             reference = p.reference - self.leak * (us - float(begin))
-            return deviations(reference + p.on - p.signal, band.sigma)
+            return deviations((reference + p.on - p.signal) / (band.sigma + 1e-12))
 
         def off_level(us: float) -> float:
             reference = p.reference - self.leak * (us - float(begin))
-            return deviations(p.signal - (reference - p.off), band.sigma)
+            return deviations((p.signal - (reference - p.off)) / (band.sigma + 1e-12))
 
         def loss(us: int) -> float:
             return 0.0 if self.leak == 0.0 else on_budget_grid(loss_at(on_level(float(us))))
@@ -456,76 +578,114 @@ class NoisyPixel:
         self.now = float(until)
         return None
 
-    def _level(
-        self, distance: tuple[float, float], sigma: tuple[float, float], passages: float
-    ) -> tuple[float, float, float, float]:
-        """(x0, x1, hazard of the noise, hazard of the moving level) of a step."""
-        x0, x1 = deviations(distance[0], sigma[0]), deviations(distance[1], sigma[1])
-        if x0 >= FAR and x1 >= FAR:
-            return x0, x1, 0.0, 0.0
-        fallen = loss_at(x1) - loss_at(x0)
-        noise = passages * mean_rate(self.band.shift, x0, x1)
-        return x0, x1, noise, CERTAIN if x1 < PASSED else max(fallen, 0.0)
+    def _level(self, x0: float, x1: float, passages: float) -> Level:
+        x = min(x0, x1)
+        if x >= FAR:
+            return Level(x0, x1)
+        mean = mean_over_way(x, slope_at(x), abs(x1 - x0))
+        moving = loss_at(x1) - loss_at(x0) if x1 < x0 else 0.0
+        random = passages * (rate_at(self.band.shift, x) * mean)
+        return Level(x0, x1, random, CERTAIN if x1 < PASSED else moving)
 
-    def _advance(self, until: float) -> int | None:
+    def _step_to(self, end: float) -> Step:
+        p, band, dt = self.p, self.band, end - self.now
+        kept = band.keep(dt)
+        memory1 = self.memory * kept
+        if memory1 < FORGOTTEN:
+            memory1 = 0.0
+        mean1 = self.mean * kept if memory1 > 0.0 else 0.0
+        passages = band.slow * dt / (1.0 - memory1 * memory1 + 2.0**-40)
+        scale0, scale1 = (
+            1.0 / (band.sigma * unknown_share(memory) + 1e-12) for memory in (self.memory, memory1)
+        )
+        farthest = farthest_level(self.memory)
+        above0 = (self._signal(self.now) - self.r) + self.mean
+        above1 = (self._signal(end) - self.r) + mean1
+        on = self._level(
+            deviations((p.on - above0) * scale0, farthest),
+            deviations((p.on - above1) * scale1, farthest),
+            passages,
+        )
+        off = self._level(
+            deviations((p.off + above0) * scale0, farthest),
+            deviations((p.off + above1) * scale1, farthest),
+            passages,
+        )
+        return Step(memory1, mean1, passages, on, off)
+
+    def _place(self, level: Level, passages: float, used: float) -> tuple[float, bool]:
+        """Where a falling level has used up a budget: deviations, and whether noise did it."""
+        start = loss_at(level.x0)
+        rate = passages / (level.x0 - level.x1)
+        farthest = min(level.x0, FAR)
+        place, by_noise = level.x1, False
+        if level.moving > used:
+            place = max(level.x1, level_of_loss(start + used))
+        for _ in range(4):
+            gone = level.x0 - place
+            slope = slope_at(place)
+            passing = rate * rate_at(self.band.shift, place)
+            random = passing * gone * mean_over_way(place, slope, gone)
+            if random < 0.01 * used:
+                break
+            every = random + loss_at(place) - start
+            before = gone - 2.0 * every * (every - used) / ((every + used) * (passing + slope))
+            if every > used:
+                before = max(before, gone * (used / every))
+            place = min(max(level.x0 - before, level.x1), farthest)
+            by_noise = passing > slope
+            if every < 2.0 * used:
+                break
+        return place, by_noise
+
+    def _share(self, step: Step, up: bool, x: float, end: float) -> float:
+        """Where in a step its level has come to x deviations, as a share of the step."""
+        p, level = self.p, step.on if up else step.off
+        share = (level.x0 - x) / (level.x0 - level.x1)
+        if self.memory == 0.0:
+            return share
+        above0 = (self._signal(self.now) - self.r) + self.mean
+        above1 = (self._signal(end) - self.r) + step.mean1
+        distance0 = p.on - above0 if up else p.off + above0
+        nearer = above1 - above0 if up else above0 - above1
+        for _ in range(2):
+            known = self.memory + (step.memory1 - self.memory) * share
+            left = distance0 - x * self.band.sigma * unknown_share(known)
+            if nearer > 0.0:
+                share = max(0.0, min(1.0, left / nearer))
+        return share
+
+    def _advance(self, until: float, whole: Step | None) -> int | None:
         """Up to `until`; when the pixel is blind beyond the tick, until when."""
         p, band, end = self.p, self.band, until
+        speed = (p.signal_end - p.signal) + p.drift
         while self.now < until:
+            step = self._step_to(end) if whole is None else whole
+            whole = None
             dt = end - self.now
-            kept = band.keep(dt)
-            memory1 = self.memory * kept
-            if memory1 < FORGOTTEN:
-                memory1 = 0.0
-            mean1 = self.mean * kept if memory1 > 0.0 else 0.0
-            sigma = band.sigma * unknown_share(self.memory), band.sigma * unknown_share(memory1)
-            above = (
-                (self._signal(self.now) - self.r) + self.mean,
-                (self._signal(end) - self.r) + mean1,
-            )
-            distances = [(p.off + above[0], p.off + above[1]), (p.on - above[0], p.on - above[1])]
-            passages = band.slow * dt / (1.0 - self.memory * memory1 + 2.0**-40)
-            off, on = (self._level(distance, sigma, passages) for distance in distances)
-            limit = COARSE * self.budget
-            up = on[3] > off[3]
-            moving = on if up else off
-            if moving[3] >= self.budget:
-                loss = self.budget
-                place, known, x = self._crossing(moving[0], distances[up], memory1, loss, 0.5)
-                passages = band.slow * (place * dt) / (1.0 - self.memory * known + 2.0**-40)
-                earlier = passages * mean_rate(band.shift, moving[0], x)
-                rough = moving[0] - x > 1.0 or (self.memory > kept and band.decay * dt > 0.1)
-                if rough and place * dt > 1.0 and earlier > limit:
-                    end = self.now + 0.5 * (place * dt)
-                    continue
-                cause = self._moving_cause()
-                if earlier >= self.budget:
-                    cause, place = Cause.SHOT, place * (self.budget / earlier)
-                elif earlier > 0.1 * self.budget:
-                    loss = self.budget - earlier
-                    place, _, _ = self._crossing(moving[0], distances[up], memory1, loss, place)
-                if (blind := self._fire(self.now + place * dt, up, cause)) is not None:
-                    return blind
-                end = until
+            random = step.on.random + step.off.random
+            is_long = self.memory > KNOWN and band.decay * dt > SHORT_STEP and dt > 1.0
+            if is_long and random * COARSE_PARTS > self.budget:
+                end = self.now + max(1.0, 0.9 * SHORT_STEP / band.decay)
                 continue
-            random = on[2] + off[2]
-            coarse = (
-                abs(on[1] - on[0]) > 1.0
-                or abs(off[1] - off[0]) > 1.0
-                or (self.memory > kept and band.decay * dt > 0.1)
-            )
-            if coarse and dt > 1.0 and random > limit:
-                end = self.now + 0.5 * dt
-                continue
-            hazard = random + on[3] + off[3]
+            hazard = random + (step.on.moving + step.off.moving)
             if hazard < self.budget:
                 self.budget -= on_budget_grid(hazard)
-                self.now, self.mean, self.memory, end = end, mean1, memory1, until
+                self.now, self.mean, self.memory, end = end, step.mean1, step.memory1, until
                 continue
-            up = self.draws.polarity(p.begin_us + int(self.now)) * hazard < on[2] + on[3]
-            moved = (on if up else off)[3] > random and sigma[1] == sigma[0]
-            cause = self._moving_cause() if moved else Cause.SHOT
-            blind = self._fire(self.now + self.budget / hazard * dt, up, cause)
-            if blind is not None:
+            up = step.on.hazard > 0.0
+            if up and step.on.hazard < hazard:
+                drawn = self.draws.polarity(p.begin_us + int(self.now))
+                up = drawn * hazard < step.on.hazard
+            level = step.on if up else step.off
+            share, cause = self.budget / hazard, Cause.SHOT
+            if level.x1 < level.x0:
+                place, by_noise = self._place(level, step.passages, share * level.hazard)
+                share = self._share(step, up, place, end)
+                moved = abs(speed) * (dt / float(p.tick_us)) >= abs(self.mean - step.mean1)
+                if moved and not by_noise:
+                    cause = self._moving_cause()
+            if (blind := self._fire(self.now + share * dt, up, cause)) is not None:
                 return blind
             end = until
         return None
@@ -536,17 +696,6 @@ class NoisyPixel:
             return Cause.HOT if p.hot else Cause.LEAK
         return Cause.SIGNAL
 
-    def _crossing(
-        self, x0: float, distance: tuple[float, float], memory1: float, loss: float, place: float
-    ) -> tuple[float, float, float]:
-        """Where in a step a level has lost this: place (0 ... 1), memory and deviations there."""
-        x, known = level_of_loss(loss_at(x0) + loss), self.memory
-        for _ in range(2):
-            known = self.memory + (memory1 - self.memory) * place
-            left = distance[0] - x * self.band.sigma * unknown_share(known)
-            place = max(0.0, min(1.0, left / (distance[0] - distance[1])))
-        return place, known, x
-
 
 def step_pixel(
     sensor: SensorParameters,
@@ -555,17 +704,24 @@ def step_pixel(
     i: int,
     dn: F32,
     pixel: PixelTick,
+    budgets: Budgets | None = None,
 ) -> tuple[list[PixelEvent], float, int]:
-    """One pixel through a tick, its noise in the state; as comparators.compare."""
+    """One pixel through a tick, its noise in the state; as comparators.compare.
+
+    Without budgets, of a pixel that stands still.
+    """
     assert state.noise_budget is not None
     assert state.noise_mean is not None
     assert state.noise_memory is not None
+    still = pixel.signal == pixel.signal_end and sensor.highpass_hz == 0.0
+    quiet = budgets is None or (still and state.noise_memory.flat[i] == 0.0)
     noisy = NoisyPixel(
         pixel,
-        Band.at(sensor, float(dn.flat[i])),
+        Band.at(sensor, float(dn.flat[i])) if budgets is None or quiet else budgets.band(i),
+        None if budgets is None else budgets.whole(i),
         Draws(state.seed, i),
         leak=float(leak(sensor, pattern, dn).flat[i]),
-        still=pixel.signal == pixel.signal_end and sensor.highpass_hz == 0.0,
+        still=still,
         budget=float(state.noise_budget.flat[i]),
         mean=float(state.noise_mean.flat[i]),
         memory=float(state.noise_memory.flat[i]),
