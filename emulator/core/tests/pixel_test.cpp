@@ -41,7 +41,8 @@ struct Terms {
 // All arrays of the state, whether their terms are on or not.
 struct Memory {
   std::vector<float> last_log, last_light, filtered, followed, mean, noise, drift;
-  std::vector<double> reference;
+  std::vector<float> noise_mean, noise_memory;
+  std::vector<double> reference, noise_budget;
   std::vector<int64_t> blind, due, since, next, drawn;
 
   Memory()
@@ -52,7 +53,10 @@ struct Memory {
         mean(kPixels, kNan),
         noise(kPixels),
         drift(kPixels),
+        noise_mean(kPixels),
+        noise_memory(kPixels),
         reference(kPixels, std::numeric_limits<double>::quiet_NaN()),
+        noise_budget(kPixels),
         blind(kPixels),
         due(kBlocks),
         since(kBlocks),
@@ -70,6 +74,11 @@ struct Memory {
     out.running_mean = {mean.data(), noise.data(), drift.data(), 0.1f, 0.1f, 0.1f, 1.0f};
     out.due_us = due.data();
     out.since_us = since.data();
+    if (terms.settings.photon.scale > 0.0) {
+      out.noise_budget = noise_budget.data();
+      out.noise_mean = noise_mean.data();
+      out.noise_memory = noise_memory.data();
+    }
     if (terms.settings.shot.on != nullptr) out.shot = {next.data(), drawn.data()};
     return out;
   }
@@ -124,6 +133,8 @@ void survives(const Terms& terms) {
           "every instruction set gives the same events");
     check(std::memcmp(other.reference.data(), memory.reference.data(), kPixels * 8) == 0,
           "every instruction set leaves the same references");
+    check(std::memcmp(other.noise_budget.data(), memory.noise_budget.data(), kPixels * 8) == 0,
+          "every instruction set leaves the same budgets of noise");
   }
 }
 
@@ -135,6 +146,11 @@ void pixels_survive_any_light() {
       [](Terms& t) { t.settings.lowpass_low = 1e-5, t.settings.lowpass_slope = 1e-6; },
       [](Terms& t) { t.settings.follower = 1e-3; },
       [](Terms& t) { t.settings.follower = 1e-3, t.settings.euler = true; },
+      [](Terms& t) { t.settings.follower = 1e-3, t.settings.photon = {7, 4e3}; },
+      [](Terms& t) {
+        t.settings.lowpass_low = 1e-5, t.settings.lowpass_slope = 1e-6;
+        t.settings.photon = {7, 1e6};
+      },
       [](Terms& t) { t.settings.highpass = 1e-6; },
       [](Terms& t) { t.settings.refractory = 300; },
       [](Terms& t) { t.settings.refractory = 60'000; },
