@@ -28,14 +28,7 @@ from reference.foreign_films import ffmpeg
 from speed.drifting import eventcv, film
 from speed.elsewhere import AbsentError, elsewhere
 from speed.turns import Table, Time, milliseconds, target
-
-CHECKOUT = Path(__file__).parents[2]
-PEER = CHECKOUT / "tests/support/speed/v2e_peer.py"
-V2E = CHECKOUT / "build/venvs/v2e/bin/python"
-MISSING = (
-    "v2e is not installed: python3 -m venv build/venvs/v2e && build/venvs/v2e/bin/pip install "
-    "git+https://github.com/SensorsINI/v2e"
-)
+from speed.v2e import MISSING, PEER, V2E
 
 PEER_V2E, PEER_EVENTCV = "v2e, from arrays", "eventcv, from arrays"
 OURS, OURS_DN = "evs.Pixels, from arrays", "evs.Pixels, from arrays, unit dn"

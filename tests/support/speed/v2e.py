@@ -1,0 +1,49 @@
+"""Where v2e lies. It is not on PyPI, so its venv is made by hand; v2e_peer.py runs in it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from speed.elsewhere import AbsentError
+
+CHECKOUT = Path(__file__).parents[3]
+PEER = CHECKOUT / "tests/support/speed/v2e_peer.py"
+V2E = CHECKOUT / "build/venvs/v2e/bin/python"
+MISSING = (
+    "v2e is not installed: python3 -m venv build/venvs/v2e && build/venvs/v2e/bin/pip install "
+    "git+https://github.com/SensorsINI/v2e"
+)
+
+
+def v2e_events(
+    folder: Path, frames: npt.NDArray[Any], options: dict[str, Any]
+) -> npt.NDArray[np.float64]:
+    """The events of a film whose frames are 1 ms apart, by v2e's emulator.
+
+    Args:
+        folder: For the files by which the two processes talk.
+        frames: (n, h, w) DN, of any dtype.
+        options: Arguments of its EventEmulator.
+
+    Returns:
+        (n, 4): t (s), x, y, 1 or -1.
+
+    Raises:
+        AbsentError: v2e is missing, or fails.
+    """
+    if not V2E.exists():
+        raise AbsentError(MISSING)
+    film, asked, made = (folder / name for name in ("film.npy", "options.json", "events.npy"))
+    np.save(film, frames)
+    asked.write_text(json.dumps(options))
+    words = [str(word) for word in (V2E, PEER, "events", film, asked, made)]
+    run = subprocess.run(words, capture_output=True, text=True)
+    if run.returncode:
+        raise AbsentError(f"v2e failed: {(run.stderr.strip().splitlines() or ['silently'])[-1]}")
+    return np.asarray(np.load(made))
