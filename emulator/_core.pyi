@@ -293,6 +293,16 @@ class NetworkArray:
     def tiles(self) -> tuple:
         """The number of tiles of 4 x 4 pixels, (down, across)."""
 
+def light_of_numbers(numbers: Annotated[NDArray, dict(device='cpu', writable=False)], tables: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], light: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')]) -> None:
+    """
+    Look up the light of a frame.
+
+    Args:
+        numbers: In, (h, w) or (h, w, 3 or more) uint8 or uint16, with any strides.
+        tables: In, (1 or 3, 256 or 65536) float32: light by number, for each channel.
+        light: Out, (h, w) float32: red + green, + blue, rounded twice.
+    """
+
 def probe_sampler(sampler: str, index: int, dimension: int, pixels: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], out: Annotated[NDArray[numpy.float32], dict(shape=(None, 2), order='C', device='cpu')], seed: int = 0, log2_samples: int = 6) -> None:
     """Sample one dimension for pixels (n,): points (n, 2). For tests."""
 

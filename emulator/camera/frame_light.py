@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from evs.emulator import _core
 from evs.emulator.base.scene import F32, F64
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError, unknown
@@ -108,7 +109,7 @@ class FrameLight:
         # luminance of one DN, and of one lux
         per_dn = 1.0 / float(sensor.exposure_dn)
         self._scale = {"dn": per_dn, "lux": per_dn / float(sensor.lux_per_dn)}
-        self._tables: dict[np.dtype[Any], tuple[F32, ...]] = {}
+        self._tables: dict[np.dtype[Any], tuple[F32, F32]] = {}
         self.light = np.zeros(shape, np.float32)
         """(h, w) of the last frame"""
 
@@ -149,17 +150,13 @@ class FrameLight:
         """The light of whole numbers, by a table for each channel."""
         if array.dtype not in self._tables:
             self._tables[array.dtype] = self._make_tables(array.dtype)
-        grey, *channels = self._tables[array.dtype]
-        if array.ndim == 2:
-            np.take(grey, array, out=self.light, mode="clip")
-            return
-        red, green, blue = (
-            np.take(table, array[:, :, place], mode="clip") for place, table in enumerate(channels)
-        )
-        np.add(red, green, out=self.light)
-        self.light += blue
+        grey, colour = self._tables[array.dtype]
+        if not array.flags.aligned:
+            array = array.copy()
+        _core.light_of_numbers(array, grey if array.ndim == 2 else colour, self.light)
 
-    def _make_tables(self, dtype: np.dtype[Any]) -> tuple[F32, ...]:
+    def _make_tables(self, dtype: np.dtype[Any]) -> tuple[F32, F32]:
+        """Light by number: (1, n) of grey and (3, n) of red, green and blue."""
         white = FULL_SCALE[dtype]
         numbers = np.arange(white + 1, dtype=np.float64)
         if self.unit in self._scale:
@@ -169,7 +166,7 @@ class FrameLight:
         else:
             light = srgb_to_linear(numbers / white)
         grey = light.astype(np.float32)
-        return grey, *(grey * weight for weight in LUMA)
+        return grey[np.newaxis], np.stack([grey * weight for weight in LUMA])
 
     def _calculate(self, array: npt.NDArray[Any]) -> None:
         """The light of floats."""

@@ -6,6 +6,7 @@ namespace evs {
 void bind_caster(nanobind::module_& m);
 void bind_events(nanobind::module_& m);
 void bind_network(nanobind::module_& m);
+void bind_numbers(nanobind::module_& m);
 void bind_probe(nanobind::module_& m);
 void bind_readout(nanobind::module_& m);
 void bind_sensor(nanobind::module_& m);
@@ -20,6 +21,7 @@ NB_MODULE(_core, m) {
   evs::bind_caster(m);
   evs::bind_events(m);
   evs::bind_network(m);
+  evs::bind_numbers(m);
   evs::bind_probe(m);
   evs::bind_readout(m);
   evs::bind_sensor(m);

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evs.emulator.camera.frame_light import UNITS, FrameLight, srgb_to_linear
+from evs.emulator import _core
+from evs.emulator.camera.frame_light import LUMA, UNITS, FrameLight, srgb_to_linear
 from evs.emulator.config import SensorConfig
 from evs.emulator.sensor import resolve_sensor
 from evs.msgs import EvsError
@@ -76,6 +77,55 @@ def test_views_of_any_strides_are_read() -> None:
     frame = np.random.default_rng(1).random((*SHAPE, 3)).astype(np.float32)
     copy = np.ascontiguousarray(frame[::-1, :, ::-1])
     assert light(frame[::-1, :, ::-1]).tobytes() == light(copy).tobytes()
+
+
+def strided(array: Any) -> dict[str, Any]:
+    """The same numbers, differently laid out in memory."""
+    packed = np.zeros(array.nbytes + 1, np.uint8)
+    odd = packed[1:].view(array.dtype).reshape(array.shape)
+    odd[:] = array
+    frozen = array.copy()
+    frozen.setflags(write=False)
+    return {
+        "turned": np.ascontiguousarray(array[::-1, ::-1])[::-1, ::-1],
+        "apart": np.repeat(np.repeat(array, 2, 0), 3, 1)[::2, ::3],
+        "by columns": np.asfortranarray(array),
+        "not aligned": odd,
+        "read-only": frozen,
+    }
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("unit", ["srgb", "luminance", "dn", "lux"])
+def test_looking_up_is_the_sum_of_three_tables_to_the_last_bit(dtype: Any, unit: str) -> None:
+    numbers = np.random.default_rng(2).integers(0, np.iinfo(dtype).max + 1, (3, 5, 4)).astype(dtype)
+    numbers[0, :2, :3] = [[0], [np.iinfo(dtype).max]]
+    grey = light(numbers[:, :, 0], unit)
+    # each channel's light is its grey, weighed and rounded
+    r, g, b = (light(numbers[:, :, k], unit) * weight for k, weight in enumerate(LUMA))
+    assert light(numbers, unit).tobytes() == ((r + g) + b).tobytes()
+    shown = np.broadcast_to(numbers[:, :, :1], (3, 5, 3))
+    assert light(shown, unit).tobytes() == light(shown.copy(), unit).tobytes()
+    for name, view in strided(numbers).items():
+        assert light(view, unit).tobytes() == ((r + g) + b).tobytes(), name
+        assert light(view[:, :, 0], unit).tobytes() == grey.tobytes(), name
+
+
+def test_the_core_refuses_what_does_not_fit() -> None:
+    frame, tables = np.zeros(SHAPE, np.uint8), np.zeros((1, 256), np.float32)
+    out = np.zeros(SHAPE, np.float32)
+    _core.light_of_numbers(frame, tables, out)
+    for numbers, given, target in [
+        (frame, tables[:, :255].copy(), out),
+        (frame.astype(np.uint16), tables, out),
+        (frame.astype(np.int8), tables, out),
+        (frame, tables, out[1:].copy()),
+        (np.zeros((*SHAPE, 3), np.uint8), tables, out),
+        (np.zeros((*SHAPE, 2), np.uint8), np.zeros((3, 256), np.float32), out),
+        (np.zeros(5, np.uint8), tables, out),
+    ]:
+        with pytest.raises(ValueError, match="ha(s|ve) to"):
+            _core.light_of_numbers(numbers, given, target)
 
 
 @pytest.mark.parametrize("dtype", [">u2", ">f4", "<u2", "<f8"])
