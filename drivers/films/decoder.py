@@ -21,13 +21,20 @@ HDR_CURVES = {16: "PQ", 18: "HLG"}
 """FFmpeg's transfer characteristics of displays that are much brighter than white paper"""
 
 
+PLANAR = tuple(f"yuv{j}{kind}p" for j in ("", "j") for kind in ("420", "422", "444"))
+"""8-bit formats of three planes, the first of which is luma"""
+
+NEUTRAL = 128
+"""chroma of grey, in 8 bits"""
+
+
 class Picture(NamedTuple):
     """One picture of a film."""
 
     t_s: Fraction | None
     """its own time stamp, s; None: the film has none"""
     pixels: npt.NDArray[Any]
-    """(h, w) or (h, w, 3) RGB; uint8, uint16, float16 or float32"""
+    """(h, w) or (h, w, 3) RGB; uint8, uint16, float16 or float32; perhaps read-only"""
     place: str
     """file and number, for messages"""
 
@@ -60,6 +67,13 @@ def planes_of_floats(frame: Any) -> npt.NDArray[Any]:
     return np.stack([planes[2], planes[0], planes[1]], axis=-1)
 
 
+def plane_of_bytes(plane: Any) -> npt.NDArray[np.uint8]:
+    """(h, w) of a plane of 8 bits, in the frame's own memory."""
+    return np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[
+        : plane.height, : plane.width
+    ]
+
+
 class Decoder:
     """The pictures of one file, one after the other, in little memory."""
 
@@ -90,6 +104,7 @@ class Decoder:
         self._stream = videos[0]
         # the pictures are the same in any number of threads
         self._stream.thread_type = "AUTO"
+        self._greys: dict[tuple[Any, ...], npt.NDArray[np.uint8] | None] = {}
 
     def __enter__(self) -> Decoder:
         return self
@@ -147,16 +162,59 @@ class Decoder:
         is_grey = name.startswith(("gray", "ya", "mono"))
         if name.startswith(("gbrpf", "gbrapf", "grayf")):
             pixels = planes_of_floats(frame)
+        elif (grey := self._grey(frame)) is not None:
+            pixels = grey
         else:
             # alpha alone may be deeper than colour
             bits = frame.format.components[0].bits
             wanted = ("gray16le", "rgb48le") if bits > 8 else ("gray", "rgb24")
-            pixels = frame.to_ndarray(
-                format=wanted[0 if is_grey else 1], interpolation=self._exact, threads=1
-            )
+            pixels = self._converted(frame, wanted[0 if is_grey else 1])
         # a phone stores the picture as the sensor lies, and how to turn it
         turns = round(frame.rotation / 90) % 4
         return np.rot90(pixels, turns) if turns else pixels
+
+    def _grey(self, frame: Any) -> npt.NDArray[np.uint8] | None:
+        """(h, w, 3) RGB of a picture in colour that shows none; None: of any other.
+
+        Without chroma a pixel's colour is a function of its luma alone, so a table gives the bytes
+        of the conversion, for a small part of its cost.
+        """
+        # a picture whose lines go upwards has negative steps
+        if frame.format.name not in PLANAR or frame.planes[0].line_size < 0:
+            return None
+        luma, *chroma = (plane_of_bytes(plane) for plane in frame.planes)
+        if not all((plane[0] == NEUTRAL).all() and (plane == NEUTRAL).all() for plane in chroma):
+            return None
+        how = (
+            *(frame.format.name, frame.colorspace, frame.color_range),
+            *(frame.color_primaries, frame.color_trc),
+        )
+        if how not in self._greys:
+            self._greys[how] = self._grey_by_luma(*how)
+        table = self._greys[how]
+        if table is None:
+            return None
+        shown = luma if np.array_equal(table, np.arange(256)) else table[luma]
+        return np.broadcast_to(shown[:, :, np.newaxis], (*shown.shape, 3))
+
+    def _grey_by_luma(self, name: str, *how: int) -> npt.NDArray[np.uint8] | None:
+        """The grey of each luma, by the conversion of a picture that has them all."""
+        frame = self._av.VideoFrame(16, 16, name)
+        frame.colorspace, frame.color_range, frame.color_primaries, frame.color_trc = how
+        for number, plane in enumerate(frame.planes):
+            values = np.full((plane.height, plane.line_size), NEUTRAL, np.uint8)
+            if number == 0:
+                values[:, :16] = np.arange(256).reshape(16, 16)
+            plane.update(values)
+        red, green, blue = self._converted(frame, "rgb24").reshape(256, 3).T
+        return red if np.array_equal(red, green) and np.array_equal(red, blue) else None
+
+    def _converted(self, frame: Any, name: str) -> npt.NDArray[Any]:
+        """A picture in another format."""
+        found: npt.NDArray[Any] = frame.to_ndarray(
+            format=name, interpolation=self._exact, threads=1
+        )
+        return found
 
     @property
     def _exact(self) -> int:
