@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 from evs.drivers.clock import Pacer, StopWatch, monotonic_s
 from evs.drivers.cores import cores
 from evs.drivers.run.config import PipelineConfig
+from evs.drivers.run.progress import Progress
 from evs.drivers.run.report import Report
 from evs.drivers.run.run_loop import RunLoop
 from evs.drivers.run.sink_set import SinkSet
@@ -23,21 +23,6 @@ from evs.msgs import EventPacket, EvsError
 
 MAX_SECONDS = 1e9
 """Longer than 30 years is a mistake, not a run."""
-
-
-@dataclass(frozen=True)
-class Progress:
-    """Where a run is, after a tick."""
-
-    tick: int
-    """ticks done"""
-    ticks: int
-    """ticks wanted"""
-    sim_seconds: float
-    events: int
-    """so far"""
-    wall_seconds: float
-    """so far"""
 
 
 Observer = Callable[[int, Any, tuple[EventPacket, ...]], None]

@@ -215,3 +215,17 @@ def test_memory_does_not_grow_with_the_film(tmp_path: Path) -> None:
         )
         peaks.append(int(done.stdout))
     assert peaks[1] - peaks[0] < 40_000
+
+
+def test_a_film_is_converted_without_mujoco(film: str, tmp_path: Path) -> None:
+    """To load it takes longer than a short film, and it may not be installed."""
+    target = str(tmp_path / "run.aedat4")
+    program = (
+        "import sys\nsys.modules['mujoco'] = None\nfrom evs.launch.main import main\n"
+        f"sys.exit(main(['convert', {film!r}, {target!r}, *{SMALL[:2]}]))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    here = tmp_path / "here.aedat4"
+    assert main(["convert", film, str(here), *SMALL]) == 0
+    assert here.read_bytes() == Path(target).read_bytes()
