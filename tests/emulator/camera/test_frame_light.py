@@ -124,7 +124,7 @@ def test_the_core_refuses_what_does_not_fit() -> None:
         (np.zeros((*SHAPE, 2), np.uint8), np.zeros((3, 256), np.float32), out),
         (np.zeros(5, np.uint8), tables, out),
     ]:
-        with pytest.raises(ValueError, match="ha(s|ve) to"):
+        with pytest.raises(ValueError, match=r"ha(s|ve) to"):
             _core.light_of_numbers(numbers, given, target)
 
 
