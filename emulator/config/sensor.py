@@ -171,13 +171,13 @@ class PixelKeys(Generic[Unset]):
         "photoreceptor bandwidth at bright_lux; 0: no limit. It is proportional to the "
         "photocurrent: cutoff_hz (E + dim_lux) / (bright_lux + dim_lux) at an illuminance E",
         unit="Hz",
-        within=(0.0, 1e7),
+        within=(0.0, 1e8),
         term="low_pass",
     )
     dim_lux: float | Unset = parameter(
         20.0 / WHITE_DN * 1000.0,
-        "illuminance below which the bandwidth stops falling and shot noise stops growing; the "
-        "default is v2e's 20 of 255 DN",
+        "added to the light that sets the bandwidth and the rate of shot noise, so that neither "
+        "ends in the dark; the default is v2e's 20 of 255 DN. 0 where dark_lux limits both",
         unit="lux",
         within=(0.0, 1e6),
     )

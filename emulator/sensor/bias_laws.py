@@ -214,9 +214,9 @@ def _imx636(biases: Biases) -> Scales:
     return {
         "pos_thres": nominal + slope * biases["bias_diff_on"],
         "neg_thres": nominal + slope * biases["bias_diff_off"],
-        # guess: the whole range of 90 is a factor of ten, as latency varies with the biases
-        # (SPIE 13045, 130450P, 2024)
-        "cutoff_hz": EXACT.power(10, Decimal(biases["bias_fo"]) / 90),
+        # the source follower's bias. guess: the whole range of 90 is a factor of ten, as latency
+        # varies with the biases (SPIE 13045, 130450P, 2024)
+        "follower_hz": EXACT.power(10, Decimal(biases["bias_fo"]) / 90),
         # inversely to the current; OpenEB's register map: 20 is the code at 0. guess: + 1, so that
         # the lowest code still ends
         "refractory_period_s": 1 / Decimal(21 + biases["bias_refr"]),
@@ -229,7 +229,7 @@ def _genx320(biases: Biases) -> Scales:
         "pos_thres": Decimal(biases["bias_diff_on"]),
         "neg_thres": Decimal(biases["bias_diff_off"]),
         # guess: the recommended range of 20 is a factor of ten, as on the IMX636
-        "cutoff_hz": EXACT.power(10, Decimal(biases["bias_fo"]) / 20),
+        "follower_hz": EXACT.power(10, Decimal(biases["bias_fo"]) / 20),
         # guess: inversely to the current, which the code counts from 1
         "refractory_period_s": 1 / Decimal(1 + biases["bias_refr"]),
     }

@@ -59,7 +59,7 @@ EFFECTS = {
     "imx636": {
         "bias_diff_on": ("pos_thres", 1),
         "bias_diff_off": ("neg_thres", 1),
-        "bias_fo": ("cutoff_hz", 1),
+        "bias_fo": ("follower_hz", 1),
         "bias_hpf": ("highpass_hz", 1),
         "bias_refr": ("refractory_period_s", -1),
     },
@@ -196,9 +196,9 @@ def test_imx636_thresholds_are_linear_in_the_code_and_reach_the_lowest() -> None
 
 
 def test_prophesees_filters() -> None:
-    slow, fast = (changed("imx636", bias_fo=code)["cutoff_hz"] for code in (-35, 55))
+    slow, fast = (changed("imx636", bias_fo=code)["follower_hz"] for code in (-35, 55))
     assert fast / slow == pytest.approx(10.0, rel=1e-14)
-    slow, fast = (changed("genx320", bias_fo=code)["cutoff_hz"] for code in (19, 39))
+    slow, fast = (changed("genx320", bias_fo=code)["follower_hz"] for code in (19, 39))
     assert fast / slow == pytest.approx(10.0, rel=1e-14)
     assert changed("imx636", bias_hpf=120)["highpass_hz"] == pytest.approx(100.0, rel=1e-14)
     assert changed("imx636", bias_hpf=40)["highpass_hz"] == pytest.approx(1.0, rel=1e-14)

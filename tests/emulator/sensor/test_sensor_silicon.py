@@ -17,7 +17,7 @@ from evs.emulator.sensor import PlainModel, SensorParameters, resolve_sensor
 
 pytestmark = pytest.mark.statistical
 
-DAVIS = replace(resolve_sensor(SensorConfig("davis346")), shot_noise_rate_hz=0.0)
+DAVIS = replace(resolve_sensor(SensorConfig("davis346")), photocurrent_pa=0.0)
 SIZE = (DAVIS.height, DAVIS.width)
 
 
