@@ -38,7 +38,8 @@ COLUMNS = {
     "leak, Hz": ("leak_rate_hz", "{:g}"),
     "leak by light, Hz": ("parasitic_leak_hz", "{:g}"),
     "hot tail, Hz": ("hot_leak_median_hz", "{:g}"),
-    "noise in the dark, Hz": ("shot_noise_rate_hz", "{:g}"),
+    "photocurrent, pA": ("photocurrent_pa", "{:g}"),
+    "noise in the dark, Hz": ("dark_noise_hz", "{:.2g}"),
     "refractory, s": ("refractory_period_s", "{:g}"),
     "dark current, lux": ("dark_lux", "{:g}"),
     "readout": ("readout", "{}"),
@@ -107,7 +108,16 @@ def _shown(sensor: Description) -> dict[str, Any]:
         "size": f"{values['width']} x {values['height']}",
         "readout": _readout(values),
         "thresholds": f"{on:.3g}" if on == off else f"{on:.3g}, {off:.3g}",
+        "dark_noise_hz": _dark_noise_hz(sensor.name),
     }
+
+
+def _dark_noise_hz(name: str) -> float:
+    """Noise events of a pixel of a preset without light."""
+    from evs.emulator.sensor import resolve_sensor
+    from evs.tools.characterise.expected_noise import noise_rate_hz
+
+    return noise_rate_hz(resolve_sensor(SensorConfig(preset=name)), 0.0)
 
 
 def _readout(values: dict[str, Any]) -> str:

@@ -1,8 +1,9 @@
 """Background rate: events of pixels under constant light, by polarity and regularity.
 
-Leak is regular and ON. Shot noise is random and has both polarities alike, and each noise event
-restarts the leak of its pixel, which hides some leak. So the OFF events give the shot noise, and
-the excess of ON events gives the leak once what noise hides is added (`leak_without_noise`).
+Leak is regular and ON. Shot noise is random and has both polarities alike. So the OFF events give
+the shot noise, and the excess of ON events gives the leak. An event of photon noise moves the
+reference by a threshold, so it hides no leak. One of Poisson noise restarts the leak of its pixel;
+what it hides is added (`leak_without_noise`).
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ import numpy.typing as npt
 
 from evs.emulator.sensor import SensorParameters
 from evs.tools.characterise.bench import F64, Bench, LightExposure, Mask, pixel_numbers
-from evs.tools.characterise.expected import hot_tail, leak_rate_hz, shot_rate_hz
+from evs.tools.characterise.expected import hot_tail, leak_rate_hz
+from evs.tools.characterise.expected_noise import noise_rate_hz
 from evs.tools.characterise.fit import mean_and_error
 from evs.tools.characterise.quantity import Quantity
 
@@ -115,7 +117,8 @@ def measure_background(
     # where noise is strongest, chance hides its spread least
     noisy = max(observations, key=lambda observation: float(observation.off.mean()))
     spreads = find_spreads(noisy.off[~noisy.hot], noisy.seconds, unevenness)
-    return [_summarise(observation, spreads) for observation in observations]
+    restarts = bench.sensor.shot_noise_rate_hz > 0.0
+    return [_summarise(observation, spreads, restarts) for observation in observations]
 
 
 def _observe(bench: Bench, lux: float) -> _Observation:
@@ -163,18 +166,19 @@ def _first_rate(exposure: LightExposure, lux: float) -> float:
         tick_us *= 2
 
 
-def _summarise(observation: _Observation, spreads: Spreads) -> Background:
+def _summarise(observation: _Observation, spreads: Spreads, restarts: bool) -> Background:
     usual = ~observation.hot
     off = mean_and_error(observation.off[usual])
     excess = mean_and_error((observation.on - observation.off)[usual])
+    shot = (2.0 * off[0], 2.0 * off[1])
     return Background(
         observation.lux,
         len(observation.hot),
         observation.seconds,
         on=mean_and_error(observation.on[usual]),
         off=off,
-        leak=leak_without_noise(excess, (2.0 * off[0], 2.0 * off[1]), spreads),
-        shot=(2.0 * off[0], 2.0 * off[1]),
+        leak=leak_without_noise(excess, shot, spreads) if restarts else excess,
+        shot=shot,
         irregularity=observation.irregularity,
         hot_share=float(observation.hot.mean()),
         hot_rate=mean_and_error((observation.on + observation.off)[observation.hot]),
@@ -290,12 +294,14 @@ def background_results(sensor: SensorParameters, found: Sequence[Background]) ->
     """Leak and shot noise of every illuminance; hot pixels of the quietest."""
     results = []
     for at in found:
-        promised = shot_rate_hz(sensor, at.lux)
-        results.append(Quantity("shot noise rate", "Hz", *at.shot, promised, at.lux))
+        promised = noise_rate_hz(sensor, at.lux)
+        note = "the high pass changes it" if sensor.highpass_hz and sensor.photocurrent_pa else ""
+        results.append(Quantity("shot noise rate", "Hz", *at.shot, promised, at.lux, note))
     for at in found:
         note = "the high pass takes part of it" if sensor.highpass_hz else ""
         note = "lost in shot noise" if math.isnan(at.leak[0]) else note
-        if sensor.has_hot_pixels and at.shot[0] > 0.1 * at.leak[0]:
+        restarts = sensor.shot_noise_rate_hz > 0.0
+        if restarts and sensor.has_hot_pixels and at.shot[0] > 0.1 * at.leak[0]:
             note = "noise hides part of the hot tail"
         promised = leak_rate_hz(sensor, at.lux, _of_tail(sensor, at))
         results.append(Quantity("leak rate", "Hz", *at.leak, promised, at.lux, note))
@@ -322,4 +328,4 @@ def usual_leak_hz(sensor: SensorParameters, found: Sequence[Background], lux: fl
 
 def _of_tail(sensor: SensorParameters, at: Background) -> float:
     """What a pixel's part of the hot tail must exceed to be hot, Hz; the rest is usual."""
-    return at.hot_hz - leak_rate_hz(sensor, at.lux, 0.0) - shot_rate_hz(sensor, at.lux)
+    return at.hot_hz - leak_rate_hz(sensor, at.lux, 0.0) - noise_rate_hz(sensor, at.lux)

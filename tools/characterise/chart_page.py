@@ -16,6 +16,7 @@ from evs.drivers.pictures.scales import Scale, decades_around
 from evs.drivers.pictures.text_lines import paste, text_line
 from evs.tools.characterise import Characterisation, Quantity, SCurve, expected
 from evs.tools.characterise.background import usual_leak_hz
+from evs.tools.characterise.expected_noise import noise_rate_hz
 from evs.tools.characterise.fit import normal_cdf
 
 CHART_PX = (520, 400)
@@ -166,7 +167,7 @@ def _background(found: Characterisation) -> Chart:
     lines = [
         Series(grid, [usual_leak_hz(sensor, found.background, lux) for lux in grid],
                _pale(LEAK_RGB), line=True),
-        Series(grid, [expected.shot_rate_hz(sensor, lux) for lux in grid], _pale(SHOT_RGB),
+        Series(grid, [noise_rate_hz(sensor, lux) for lux in grid], _pale(SHOT_RGB),
                line=True),
     ]  # fmt: skip
     seen = [at for at in found.background if at.on[0] + at.off[0] > 0.0]

@@ -115,17 +115,6 @@ def _large_step_time_s(one: float, two: float, share: float, step: float) -> flo
     return high
 
 
-def shot_rate_hz(sensor: SensorParameters, lux: float) -> float:
-    """Rate of shot noise of both polarities, mean over the pixels."""
-    lux += sensor.dark_current_lux
-    bright, dim = sensor.shot_noise_bright, sensor.dim_lux
-    if sensor.shot_noise_law == "inverse":
-        share = bright + (1.0 - bright) * dim / (dim + lux)
-    else:
-        share = 1.0 - (1.0 - bright) * min(1.0, (lux + dim) / (sensor.bright_lux + dim))
-    return sensor.shot_noise_rate_hz * share
-
-
 def leak_rate_hz(sensor: SensorParameters, lux: float, hot_hz: float = math.inf) -> float:
     """Rate of the ON events of leak, mean over the pixels, without noise that restarts it.
 
