@@ -33,7 +33,7 @@ def test_the_plan_of_a_scene(capsys: pytest.CaptureFixture[str]) -> None:
     assert "camera_moves" not in plan["contents"]
     # each code path stands once, with its reason where it is off; the network has its own
     assert sorted([*plan["on"], *plan["off"]]) == sorted({*NAMES} - {"cold_tiles"})
-    assert {"shadows", "low_pass", "leak", "shot_noise", "readout"} <= {*plan["on"]}
+    assert {"shadows", "low_pass", "leak", "photon_noise", "readout"} <= {*plan["on"]}
     assert all(len(why) > 5 for why in plan["off"].values())
     assert plan["off"]["colour"] == "every light is grey: luminance is enough"
     assert plan["forced"] == []
@@ -56,7 +56,7 @@ def test_everything_is_said_to_be_forced(capsys: pytest.CaptureFixture[str]) -> 
     plan = planned(capsys, "--scene", SCENE, *SMALL, "--model-everything")["plan"]
     assert {"fog", "haze", "aps", "imu", "causes", "ground_truth"} <= {*plan["forced"]}
     assert {*plan["forced"]} <= {*plan["on"]}
-    assert {*plan["off"]} == {"lens", "running_mean", "photon_noise", "glowing", "transparent"}
+    assert {*plan["off"]} == {"lens", "running_mean", "glowing", "transparent"}
 
 
 def test_a_pipeline_and_what_it_takes(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
