@@ -27,6 +27,9 @@ FARTHEST = 7.0
 """deviations from the mean at which there are references"""
 
 MOST_STATES = 400
+LEAST_HZ = 1e-6
+"""an event of a pixel in eleven days; lower rates are 0"""
+
 LONGEST = 1e30
 """a wait without end"""
 
@@ -62,7 +65,8 @@ def photon_rate_hz(sensor: SensorParameters, lux: float) -> float:
     if sensor.highpass_hz > 0.0:
         leak = uneven = 0.0  # the references stay with the light
     rates = [_rate(band, theta / band.sigma, leak, uneven) for theta in thresholds]
-    return 1e6 * band.decay * float(np.average(rates, weights=_WEIGHTS))
+    rate_hz = 1e6 * band.decay * float(np.average(rates, weights=_WEIGHTS))
+    return rate_hz if rate_hz > LEAST_HZ else 0.0
 
 
 def noise_rate_hz(sensor: SensorParameters, lux: float) -> float:
