@@ -44,7 +44,7 @@ STILL = """
 
 NO_NOISE = {
     "leak_rate_hz": 0.0,
-    "shot_noise_rate_hz": 0.0,
+    "photocurrent_pa": 0.0,
     "hot_leak_median_hz": 0.0,
     "parasitic_leak_hz": 0.0,
 }

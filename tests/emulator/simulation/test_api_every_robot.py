@@ -11,7 +11,7 @@ from evs.emulator.config import SensorConfig
 pytestmark = pytest.mark.integration
 
 QUIET = SensorConfig(
-    leak_rate_hz=0.0, shot_noise_rate_hz=0.0, hot_leak_median_hz=0.0, parasitic_leak_hz=0.0
+    leak_rate_hz=0.0, photocurrent_pa=0.0, hot_leak_median_hz=0.0, parasitic_leak_hz=0.0
 )
 
 
