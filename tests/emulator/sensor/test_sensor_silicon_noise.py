@@ -67,7 +67,9 @@ def noise(name: str, lux: float) -> Noise:
         parts.append(events[events["t"] > SETTLE_US])
     events = join_events(parts)
     pixel = events["y"].astype(np.int64) * SIDE + events["x"]
-    leak_hz = draw_pattern(sensor, SEED).leak.ravel() * 1e6 / sensor.pos_thres
+    leak = draw_pattern(sensor, SEED).leak
+    assert leak is not None
+    leak_hz = leak.ravel() * 1e6 / sensor.pos_thres
     usual = leak_hz <= 5.0
     on, off = (np.bincount(pixel[events["p"] == p], minlength=SIDE**2) / SECONDS for p in (1, 0))
     order = np.argsort(pixel, kind="stable")
