@@ -29,12 +29,16 @@ inline NoiseDraws noise_draws(const PixelSettings& settings, size_t pixel) {
   return {hash(settings.photon.key, pixel + 1)};
 }
 
-// Photon noise from the first light on: the noise is known, and in the reference.
-inline double first_noise(const PixelStep& step, size_t pixel, float dn) {
+// Photon noise from the first light on: the noise is known, and in the reference. In/out: by how
+// much the leak has moved the reference, which is less where noise would fire the pixel at once.
+inline double first_noise(const PixelStep& step, size_t pixel, float dn, double& phase) {
   const PixelArrays& arrays = step.arrays;
   NoiseDraws draws = noise_draws(step.settings, pixel);
   const int64_t us = step.tick.begin_us + step.tick.us;
-  const double noise = noise_at(step.settings, dn).sigma * draws.standard_normal(us);
+  const double sigma = noise_at(step.settings, dn).sigma;
+  const double share = 1.0 - 4.0 * sigma / step.pattern.theta_on[pixel];
+  phase *= share > 0.0 ? share : 0.0;
+  const double noise = sigma * draws.standard_normal(us);
   arrays.noise_mean[pixel] = static_cast<float>(noise);
   arrays.noise_memory[pixel] = 1.0f;
   arrays.noise_budget[pixel] = draws.renew(us);
@@ -50,9 +54,9 @@ void compare(const PixelStep& step, size_t pixel, float from, float to, float dn
   const PixelArrays& arrays = step.arrays;
   if (reference != reference && arrays.last_log[pixel] != arrays.last_log[pixel]) {
     // start from the first light
-    const double phase = pattern.phase == nullptr ? 0.0 : pattern.phase[pixel];
+    double phase = pattern.phase == nullptr ? 0.0 : pattern.phase[pixel];
     const bool begins = arrays.noise_budget != nullptr && to == to;  // else there is no light yet
-    const double noise = begins ? first_noise(step, pixel, dn) : 0.0;
+    const double noise = begins ? first_noise(step, pixel, dn, phase) : 0.0;
     arrays.reference[pixel] = on_grid(to - phase + noise);
     return;
   }

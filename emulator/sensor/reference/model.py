@@ -86,7 +86,10 @@ class ReferenceModel:
                 if state.noise_budget is not None and not np.isnan(end.flat[i]):
                     first_us = state.clock_us + tick_us
                     dn_of_pixel = float(dn.flat[i])
-                    noise = photon_noise.first_noise(self.sensor, state, i, dn_of_pixel, first_us)
+                    noise, share = photon_noise.first_noise(
+                        self.sensor, state, i, dn_of_pixel, first_us, float(pattern.on.flat[i])
+                    )
+                    phase *= share
                 reference[i] = on_grid(float(end.flat[i]) - phase + noise)
                 continue
             if budgets is not None and not budgets.left.flat[i]:

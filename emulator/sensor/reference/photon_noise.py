@@ -244,12 +244,19 @@ def _minus_ln(bits: int) -> float:
     return max(-float(natural_log(uniform_number)[0]), 0.0)
 
 
-def first_noise(sensor: SensorParameters, state: PlainState, i: int, dn: float, us: int) -> float:
-    """The noise of pixel i at its first light, which is known; into the state."""
+def first_noise(
+    sensor: SensorParameters, state: PlainState, i: int, dn: float, us: int, on: float
+) -> tuple[float, float]:
+    """At the first light of pixel i with this ON threshold; into the state.
+
+    Returns:
+        The noise, which is known, and the share of the leak's phase that is left.
+    """
     draws = Draws(state.seed, i)
-    noise = Band.at(sensor, dn).sigma * draws.normal(us)
+    sigma = Band.at(sensor, dn).sigma
+    noise = sigma * draws.normal(us)
     _store(state, i, draws.renew(us), noise, 1.0)
-    return noise
+    return noise, max(0.0, 1.0 - 4.0 * sigma / on)
 
 
 def _store(state: PlainState, i: int, budget: float, mean: float, memory: float) -> None:
