@@ -34,6 +34,7 @@ COMMANDS = {
     "keygen": "evs.launch.commands.keygen",
     "convert": "evs.launch.commands.convert",
     "characterise": "evs.launch.commands.characterise",
+    "fit": "evs.launch.commands.fit",
     "evaluate": "evs.launch.commands.evaluate",
     "sweep": "evs.launch.commands.sweep",
     "tune": "evs.launch.commands.tune",

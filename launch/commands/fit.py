@@ -1,0 +1,169 @@
+"""`evs fit`: a sensor file of your own camera, from its recordings."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from evs.msgs import EvsError
+
+if TYPE_CHECKING:
+    from evs.tools.fit import FittedCamera, Light, Observed
+
+HELP = "fit a sensor file to recordings of your own camera"
+
+BASE = "davis346"
+
+HEADINGS = ("key", "value", "error", "from", "")
+
+EXAMPLES = """\
+examples:
+  evs fit --dark cap.aedat4 --ramp ramp.aedat4 --contrast 4 -o mine.toml
+  evs fit --dark cap.raw --lamp lamp.raw --contrast 8 --lux 500 --base imx636 --picture fit.png
+  evs fit pan.aedat4                                        what any recording tells
+
+A key that the recordings do not tell is listed with the reason, and keeps the value of --base.
+All recordings are of one camera with one setting. docs/howto/fit.md says how to make them."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.usage = "evs fit [RECORDING ...] [--dark FILE] [--ramp FILE --contrast C] [options]"
+    add = parser.add_argument
+    add(
+        "recordings",
+        nargs="*",
+        metavar="RECORDING",
+        help="any recording: readout, refractory period; with frames also thresholds",
+    )
+    add("--dark", metavar="FILE", help="lens cap on: noise, leak, hot pixels")
+    add("--still", metavar="FILE", help="a view in which nothing moves; needs --still-lux")
+    add("--still-lux", type=float, metavar="LUX", help="illuminance of the sensor in --still")
+    add(
+        "--ramp",
+        metavar="FILE",
+        help="light whose logarithm rises and falls evenly: thresholds, mismatch",
+    )
+    add("--lamp", metavar="FILE", help="a blinking lamp: thresholds, mismatch, bandwidth")
+    add("--contrast", type=float, metavar="C", help="brightest over darkest light of lamp or ramp")
+    add(
+        "--period",
+        type=float,
+        metavar="S",
+        help="seconds from one rise to the next (default: from the events)",
+    )
+    add("--lux", type=float, metavar="LUX", help="illuminance of the sensor in the bright lamp")
+    add(
+        "--base",
+        metavar="SENSOR",
+        default=BASE,
+        help=f"sensor that has all other values: a preset or a .toml file ({BASE})",
+    )
+    add("-o", "--output", metavar="FILE.toml", help="write the sensor file")
+    add("--picture", metavar="FILE.png", help="draw the recordings beside the fitted sensor")
+    add("--json", nargs="?", const="-", metavar="FILE", help="write all numbers; -: to stdout")
+    add("--quiet", action="store_true", help="print nothing but warnings and errors")
+    parser.epilog = EXAMPLES
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fit; the exit code."""
+    # here, so that --help is quick
+    from evs.drivers.run.report import check_targets, write_whole
+    from evs.emulator.config import SensorConfig
+    from evs.emulator.sensor import resolve_sensor
+    from evs.launch.support import terminal
+    from evs.tools.fit import CANNOT, fit_camera, sensor_toml
+
+    output = _ending(args.output, "-o", ".toml")
+    picture = _ending(args.picture, "--picture", ".png")
+    numbers = None if args.json in (None, "-") else Path(args.json)
+    check_targets([path for path in (output, picture, numbers) if path is not None])
+    base = resolve_sensor(SensorConfig(args.base))
+    fitted = fit_camera(_lights(args), base)
+    toml = sensor_toml(fitted, args.base)
+    if output is not None:
+        write_whole(toml, output)
+    if picture is not None:
+        _draw(fitted, toml, picture, output)
+    text = json.dumps([one.plain() for one in fitted.estimates], indent=2, allow_nan=False)
+    if numbers is not None:
+        write_whole(text + "\n", numbers)
+    if args.json == "-":
+        print(text)
+    elif not args.quiet:
+        terminal.table("the camera", HEADINGS, _rows(fitted))
+        lost = [one for one in fitted.estimates if not one.told]
+        if lost:
+            print(f"\n{CANNOT}:")
+            for one in lost:
+                print(f"  {one.key}: {one.reason} ({one.source})")
+    return 0
+
+
+def _ending(name: str | None, option: str, suffix: str) -> Path | None:
+    if name is not None and not name.endswith(suffix):
+        raise EvsError(f"{option} is '{name}': end it in {suffix}")
+    return None if name is None else Path(name)
+
+
+def _lights(args: argparse.Namespace) -> list[Light]:
+    """The recordings, read."""
+    from evs.tools.fit import Light
+
+    if (args.still is None) != (args.still_lux is None):
+        raise EvsError("--still and --still-lux belong together: give both, or neither")
+    if args.contrast is None and (args.ramp or args.lamp):
+        raise EvsError(
+            "the contrast of the light is not known; give --contrast, the brightest light over "
+            "the darkest"
+        )
+    lights = []
+    if args.dark:
+        lights.append(Light(_read(args.dark), "dark", 0.0))
+    if args.still:
+        lights.append(Light(_read(args.still), "still", args.still_lux))
+    if args.ramp:
+        lights.append(Light(_read(args.ramp), "ramp", None, args.contrast, args.period))
+    if args.lamp:
+        lights.append(Light(_read(args.lamp), "lamp", args.lux, args.contrast, args.period))
+    return lights + [Light(_read(name)) for name in args.recordings]
+
+
+def _read(name: str) -> Observed:
+    from evs.drivers.files import read
+    from evs.tools.fit import Observed
+
+    return Observed.of(read(name), Path(name).name)
+
+
+def _rows(fitted: FittedCamera) -> list[tuple[str, ...]]:
+    from evs.tools.fit import rounded
+
+    rows: list[tuple[str, ...]] = []
+    for one in fitted.told.values():
+        if isinstance(one.value, str):
+            rows.append((one.key, one.value, "", one.source, one.note))
+        else:
+            value = rounded(one.value, one.error)
+            rows.append((one.key, value, f"{one.error:.2g}", one.source, one.note))
+    return rows
+
+
+def _draw(fitted: FittedCamera, toml: str, picture: Path, output: Path | None) -> None:
+    """Draw the recordings beside the sensor of the file."""
+    import tempfile
+
+    from evs.drivers.pictures import write_png
+    from evs.tools.fit import cut_to_frames, replayed
+    from evs.tools.fit.picture import fit_page
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "fitted.toml"
+        path.write_text(toml, encoding="utf-8")
+        lights = [cut_to_frames(one) for one in fitted.lights]
+        pairs = [(one, replayed(one, str(path))) for one in lights]
+    name = "fitted sensor" if output is None else output.stem
+    write_png(picture, fit_page(pairs, name), few_colours=True)

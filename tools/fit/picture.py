@@ -1,0 +1,126 @@
+"""A page that shows each recording beside the same light on the fitted sensor."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evs.drivers.pictures.chart import draw_chart
+from evs.drivers.pictures.chart_layout import Chart, Series
+from evs.drivers.pictures.colours import OFF_RGB, ON_RGB, PAPER, U8
+from evs.drivers.pictures.pen import RGB
+from evs.drivers.pictures.scales import Scale
+from evs.drivers.pictures.text_lines import paste, text_line
+from evs.tools.fit.camera import Light
+from evs.tools.fit.observed import F64, Observed
+
+CHART_PX = (500, 380)
+MARGIN_PX = 20
+PALE = 0.5
+"""how far the recording's colour is from paper, beside the fitted sensor's"""
+
+PAIRS = ((True, True), (False, False), (True, False), (False, True))
+PAIR_RGB: tuple[RGB, ...] = (ON_RGB, OFF_RGB, (150, 80, 190), (225, 130, 0))
+
+
+def fit_page(pairs: list[tuple[Light, Observed | None]], name: str) -> U8:
+    """(height, width, 3): intervals, rates of pixels and maps; a row for each recording.
+
+    Args:
+        pairs: A recording, and the fitted sensor in the same light (None: it is not known).
+        name: Of the fitted sensor.
+    """
+    width, height = CHART_PX
+    heading = text_line(f"{name}: recordings (points), and the fitted sensor (lines)", 28)
+    top = MARGIN_PX + heading.height + 8
+    shape = (top + len(pairs) * height + MARGIN_PX, 4 * width + 2 * MARGIN_PX, 3)
+    page = np.full(shape, PAPER, np.uint8)
+    paste(page, heading.picture, MARGIN_PX + 16, MARGIN_PX)
+    for row, (light, fitted) in enumerate(pairs):
+        charts = [
+            _intervals(light.seen, fitted),
+            _rates(light.seen, fitted),
+            _map(light.seen, light.seen, light.seen.source),
+            _map(fitted, light.seen, "the fitted sensor"),
+        ]
+        for column, chart in enumerate(charts):
+            left = MARGIN_PX + column * width
+            paste(page, draw_chart(chart, width, height), left, top + row * height)
+    return page
+
+
+def _pale(colour: RGB) -> RGB:
+    r, g, b = (round(part + PALE * (PAPER - part)) for part in colour)
+    return r, g, b
+
+
+def _intervals(seen: Observed, fitted: Observed | None) -> Chart:
+    """Density of the intervals between events of a pixel, by their polarities."""
+    edges = np.geomspace(1.0, 1e8, 65)
+    series, tops = [], [1e-6]
+    for (before, after), colour in zip(PAIRS, PAIR_RGB, strict=True):
+        words = f"{'ON' if before else 'OFF'} to {'ON' if after else 'OFF'}"
+        for one, line in ((fitted, True), (seen, False)):
+            if one is None:
+                continue
+            every = one.intervals
+            chosen = (every.before_on == before) & (every.after_on == after)
+            # of a pixel and second
+            counts = (
+                np.histogram(every.length_us[chosen] + 0.5, edges)[0] / one.pixels / one.seconds
+            )
+            held = counts > 0
+            middle = np.sqrt(edges[1:] * edges[:-1]) * 1e-6
+            tops.append(float(counts.max(initial=0.0)))
+            series.append(
+                Series(middle[held].tolist(), counts[held].tolist(),
+                       _pale(colour) if line else colour, "" if line else words, line=line)
+            )  # fmt: skip
+    top = max(tops)
+    return Chart("Intervals of a pixel, per pixel and second", Scale(1e-6, 100.0, True, "s"),
+                 Scale(top * 1e-5, top * 3.0, True), "between two of its events", series,
+                 empty="" if len(series) else "no intervals")  # fmt: skip
+
+
+def _rates(seen: Observed, fitted: Observed | None) -> Chart:
+    """Share of the pixels over a rate, ON and OFF."""
+    series = []
+    highest = 1.0
+    for name, colour in (("on_counts", ON_RGB), ("off_counts", OFF_RGB)):
+        for one, line in ((fitted, True), (seen, False)):
+            if one is None:
+                continue
+            rates: F64 = np.sort(getattr(one, name) / one.seconds)
+            silent = int(np.count_nonzero(rates == 0.0))
+            if silent == len(rates):
+                continue
+            places = np.unique(np.linspace(silent, len(rates) - 1, 40).round().astype(np.int64))
+            share = 100.0 * (1.0 - places / len(rates))
+            highest = max(highest, float(rates[-1]))
+            words = "" if line else f"{name[: name.index('_')].upper()} {rates.mean():.3g} Hz"
+            values = rates[places]
+            series.append(Series(values.tolist(), share.tolist(), _pale(colour) if line else colour,
+                                 words, line=line))  # fmt: skip
+    if fitted is not None:
+        on, off = (float(c.mean()) / fitted.seconds for c in (fitted.on_counts, fitted.off_counts))
+        label = f"rate; the fitted sensor: ON {on:.3g} Hz, OFF {off:.3g} Hz"
+    else:
+        label = "rate"
+    axis = Scale(0.7 / seen.seconds, 1.3 * highest, True, "Hz")
+    return Chart("Pixels with more than a rate, %", axis, Scale(0.0, 105.0), label, series)
+
+
+def _map(one: Observed | None, scale: Observed, title: str) -> Chart:
+    """Events of each pixel, dark for many, by the recording's own scale."""
+    nothing = Scale(0.0, 1.0)
+    if one is None:
+        return Chart(title, nothing, nothing, "", empty="its light is not known")
+    # a map of some thousand cells, so that single pixels show
+    rate = (one.on_counts + one.off_counts).reshape(one.height, one.width) / one.seconds
+    own = (scale.on_counts + scale.off_counts) / scale.seconds
+    low = max(float(np.quantile(own, 0.05)), 0.3 / scale.seconds)
+    high = max(float(np.quantile(own, 0.999)), 3.0 * low)
+    share = np.clip(np.log(np.maximum(rate, low) / low) / np.log(high / low), 0.0, 1.0)
+    grey = (255.0 * (1.0 - 0.9 * np.round(share * 7.0) / 7.0)).astype(np.uint8)
+    picture = np.repeat(grey[:, :, None], 3, axis=2)
+    below = f"events of a pixel: white {low:.2g} Hz, black {high:.2g} Hz"
+    return Chart(f"Map: {title}", nothing, nothing, "", picture=picture, below=below)
