@@ -8,7 +8,7 @@ from evs.tools.fit.lamp import fit_lamp
 from evs.tools.fit.laws import law_estimates
 from evs.tools.fit.observed import Observed
 from evs.tools.fit.period import find_period_s
-from evs.tools.fit.ramp import RampThresholds, fit_ramp
+from evs.tools.fit.ramp import PixelLeaks, RampThresholds, fit_ramp
 from evs.tools.fit.readout import fit_readout
 from evs.tools.fit.refractory import fit_refractory
 from evs.tools.fit.replay import cut_to_frames, replayed
@@ -22,6 +22,7 @@ __all__ = [
     "FittedCamera",
     "Light",
     "Observed",
+    "PixelLeaks",
     "RampThresholds",
     "combined",
     "cut_to_frames",

@@ -14,6 +14,7 @@ import numpy as np
 
 from evs.emulator.sensor import SensorParameters
 from evs.tools.fit.estimate import Estimate, cannot
+from evs.tools.fit.lamp import MOST_BLIND, blind_share
 from evs.tools.fit.observed import F64, I64, Observed
 from evs.tools.fit.period import flanks_us
 
@@ -38,6 +39,7 @@ def fit_bandwidth(
     period_s: float,
     base: SensorParameters,
     lux: float | None = None,
+    refractory_s: float = 0.0,
 ) -> list[Estimate]:
     """Fit the bandwidth of the bright side of a blinking lamp.
 
@@ -47,6 +49,7 @@ def fit_bandwidth(
         period_s: Of the lamp, s.
         base: Which photoreceptor it has (`filter`), and how its bandwidth follows the light.
         lux: Illuminance of the sensor while the lamp is bright; None: it is not known.
+        refractory_s: The time for which a pixel is blind after an event.
     """
     source = seen.source
     late = [
@@ -56,6 +59,10 @@ def fit_bandwidth(
     rises, _ = flanks_us(seen, period_s)
     if len(rises) < 2 * GROUPS:
         return [cannot(KEYS[0], source, f"{len(rises)} rises; record {2 * GROUPS}"), *late]
+    blind = blind_share(seen, rises, True, period_s, refractory_s)
+    if blind > MOST_BLIND:
+        reason = f"the pixels are blind for {100.0 * blind:.0f} % of a flank"
+        return [cannot(KEYS[0], source, reason), *late]
     large = base.filter == "large_signal"
     rates = np.array(
         [_rate(seen, rises[k::GROUPS], math.log(contrast), period_s, large) for k in range(GROUPS)]
@@ -67,7 +74,7 @@ def fit_bandwidth(
     if not 0.0 < rate < 1e6 / FASTEST_US:
         reason = f"all events of a flank come within {3.0 * FASTEST_US:g} us"
         return [cannot(KEYS[0], source, reason), *late]
-    error = math.hypot(float(known.std(ddof=1)) / math.sqrt(GROUPS), ROUGH * rate)
+    error = math.hypot(float(known.std(ddof=1)) / math.sqrt(GROUPS), ROUGH * rate, blind * rate)
     at_hz, at_error = rate / (2.0 * math.pi), error / (2.0 * math.pi)
     found = f"it is {at_hz:.3g} +- {at_error:.2g} Hz in the lamp's bright light"
     if lux is None:

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
 from evs.tools.fit.bandwidth import fit_bandwidth
-from evs.tools.fit.estimate import Estimate, combined
+from evs.tools.fit.estimate import Estimate, cannot, combined
 from evs.tools.fit.frames import fit_frames
 from evs.tools.fit.lamp import fit_lamp
 from evs.tools.fit.laws import law_estimates, noise_share
-from evs.tools.fit.observed import F64, Observed
+from evs.tools.fit.observed import Mask, Observed
 from evs.tools.fit.period import find_period_s
-from evs.tools.fit.ramp import check_light, fit_ramp
+from evs.tools.fit.ramp import PixelLeaks, check_light, fit_ramp
 from evs.tools.fit.readout import fit_readout
 from evs.tools.fit.refractory import fit_refractory
 from evs.tools.fit.still import DECADE, Background, fit_still
+
+UNMEASURED = 0.15
+"""mismatch over threshold that pixels may have"""
 
 ROOM_LUX = 100.0
 """of a recording whose light is not known"""
@@ -85,12 +88,19 @@ def fit_camera(lights: list[Light], base: SensorParameters) -> FittedCamera:
     changing = [one for one in lights if one.kind in ("ramp", "lamp")]
 
     # thresholds without the leak, which hardly matters for how uneven they are
-    first = combined([e for one in changing for e in _thresholds(one, None, 0.0)])
-    backgrounds = [fit_still(one.seen, one.lux or 0.0, _unevenness(first, base)) for one in still]
-    leaks, leak_error_hz = _leaks(backgrounds, base)
-    found: list[Estimate] = []
-    for one in changing:
-        found += _thresholds(one, leaks, leak_error_hz)
+    by_ramp = [one for one in changing if one.kind == "ramp"]
+    blind = combined([_refractory(one) for one in lights])
+    blind_s = _blind_s(blind[0], lights, base)
+    by_lamp = [e for one in changing if one.kind == "lamp" for e in _by_lamp(one, blind_s)]
+    first = combined(by_lamp + [e for one in by_ramp for e in _by_ramp(one, None, (0.0, 0.0))])
+    uneven, alive = _unevenness(first, base), _alive(changing)
+    backgrounds = [fit_still(one.seen, one.lux or 0.0, uneven, alive) for one in still]
+    if not any(one.key == "sigma_thres" and one.told for one in first):
+        backgrounds = [_as_uneven(one) for one in backgrounds]
+    leaks = _leaks(backgrounds, base, lights[0].seen.pixels)
+    found = list(by_lamp)
+    for one in by_ramp:
+        found += _by_ramp(one, leaks, blind_s)
     noise_hz = max(
         (one.noise[0] for one in backgrounds),
         default=base.shot_noise_rate_hz * noise_share(base, ROOM_LUX),
@@ -102,9 +112,10 @@ def fit_camera(lights: list[Light], base: SensorParameters) -> FittedCamera:
         found += law_estimates(backgrounds, base)
     for one in changing:
         if one.kind == "lamp" and one.contrast and one.period_s:
-            found += fit_bandwidth(one.seen, one.contrast, one.period_s, base, one.lux)
+            found += fit_bandwidth(one.seen, one.contrast, one.period_s, base, one.lux, blind_s[0])
+    found += blind
     for one in lights:
-        found += [fit_refractory(one.seen), *fit_readout(one.seen)]
+        found += fit_readout(one.seen)
     return FittedCamera(base, tuple(lights), tuple(combined(found)))
 
 
@@ -122,27 +133,68 @@ def _checked(light: Light) -> Light:
     return Light(light.seen, light.kind, light.lux, light.contrast, period_s)
 
 
-def _thresholds(light: Light, leaks: F64 | None, leak_error_hz: float) -> list[Estimate]:
+def _by_lamp(light: Light, blind_s: tuple[float, float]) -> list[Estimate]:
     assert light.contrast is not None
     assert light.period_s is not None
-    if light.kind == "lamp":
-        return list(fit_lamp(light.seen, light.contrast, light.period_s))
-    found = fit_ramp(light.seen, light.contrast, light.period_s, leaks, leak_error_hz)
-    return list(found.estimates)
+    return list(fit_lamp(light.seen, light.contrast, light.period_s, blind_s))
 
 
-def _unevenness(found: list[Estimate], base: SensorParameters) -> float:
+def _by_ramp(
+    light: Light, leaks: PixelLeaks | None, blind_s: tuple[float, float]
+) -> list[Estimate]:
+    assert light.contrast is not None
+    assert light.period_s is not None
+    return list(fit_ramp(light.seen, light.contrast, light.period_s, leaks, blind_s).estimates)
+
+
+def _refractory(light: Light) -> Estimate:
+    """The refractory period; events that the light brings have edges of their own."""
+    found = fit_refractory(light.seen, still=light.kind in ("dark", "still"))
+    if not found.told or light.kind not in ("ramp", "lamp"):
+        return found
+    shortest_us = int(light.seen.intervals.length_us.min())
+    reason = f"it is at most {shortest_us} us; noise at constant light tells it"
+    return cannot(found.key, found.source, reason)
+
+
+def _blind_s(found: Estimate, lights: list[Light], base: SensorParameters) -> tuple[float, float]:
+    """(refractory period, error); that of the base within the bound, if nothing tells it."""
+    if found.told:
+        return found.number, found.error
+    lengths = [one.seen.intervals.length_us for one in lights]
+    most_s = 1e-6 * min((int(each.min()) for each in lengths if len(each)), default=0)
+    value = min(base.refractory_period_s, most_s)
+    return value, value
+
+
+def _unevenness(found: list[Estimate], base: SensorParameters) -> tuple[float, float]:
     values = {one.key: one.number for one in found if one.told}
-    mean = values.get("pos_thres", base.pos_thres)
-    return min(values.get("sigma_thres", base.sigma_thres) / mean, 0.5)
+    means = values.get("pos_thres", base.pos_thres), values.get("neg_thres", base.neg_thres)
+    sigma = values.get("sigma_thres", base.sigma_thres)
+    return min(sigma / means[0], 0.5), min(sigma / means[1], 0.5)
 
 
-def _leaks(backgrounds: list[Background], base: SensorParameters) -> tuple[F64 | None, float]:
-    """(leak of each pixel, error of their mean), Hz."""
+def _as_uneven(one: Background) -> Background:
+    """The same with an error of the spread that mismatch which nobody measured may bring."""
+    spread, error = one.spread
+    own = UNMEASURED**2 / (2.0 * spread * DECADE**2) if spread > 0.0 else 0.0
+    return replace(one, spread=(spread, math.hypot(error, own)))
+
+
+def _alive(changing: list[Light]) -> Mask | None:
+    """(pixels,) those that had events in changing light; None: no such recording."""
+    if not changing:
+        return None
+    seen: Mask = np.any([o.seen.on_counts + o.seen.off_counts > 0 for o in changing], axis=0)
+    return seen if seen.sum() >= 0.5 * len(seen) else None
+
+
+def _leaks(backgrounds: list[Background], base: SensorParameters, pixels: int) -> PixelLeaks:
+    """What the first still view that shows leak tells of it; else the base's."""
     by_base = base.leak_rate_hz + base.parasitic_leak_hz * 0.3
-    known = [one for one in backgrounds if math.isfinite(one.leak[0])]
+    known = [one for one in backgrounds if math.isfinite(one.leak[0]) and one.leak[0] > 0.0]
     if not known:
-        return None, max(by_base, 0.1)
+        return PixelLeaks(np.zeros(pixels), max(by_base, 0.1))
     one = known[0]
     mean, error = one.leak
     if math.isfinite(one.tail_median[0]):
@@ -151,4 +203,17 @@ def _leaks(backgrounds: list[Background], base: SensorParameters) -> tuple[F64 |
     # noise hides leak events, not the leak
     counted = float(np.mean(one.leak_hz))
     factor = min(max(mean / counted, 1.0), 3.0) if counted > 0.0 else 1.0
-    return one.leak_hz * factor, math.hypot(error, 0.1 * mean * (factor - 1.0))
+    rates = one.leak_hz * factor
+    # chance in the counts, and how much the pixels really differ but for the hot ones
+    chance = factor**2 * max(counted + one.noise[0], 1e-9) / one.seconds
+    usual = rates[rates <= np.quantile(rates, 0.95)]
+    own = max(float(np.var(usual)) - chance, 0.0)
+    if math.isfinite(one.spread[0]):
+        own = max(own, one.leak[0] ** 2 * math.expm1((one.spread[0] * DECADE) ** 2))
+    share = own / (own + chance)
+    hot = rates > float(usual.mean()) + 6.0 * math.sqrt(own + chance)
+    # most pixels are far below a mean that a tail is in
+    middle = min(mean, float(usual.mean()))
+    shrunk = np.where(hot, rates, middle + share * (rates - middle))
+    error = math.hypot(error, 0.1 * mean * (factor - 1.0))
+    return PixelLeaks(shrunk, error, share * chance)

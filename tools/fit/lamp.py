@@ -28,7 +28,7 @@ CALM = 0.45
 LATE = 0.002
 """share of the events of a flank that may come after its window"""
 
-SIMULATED = 20_000
+SIMULATED = 10_000
 """pixels; their chance adds to that of the recording"""
 
 MOST_CYCLES = 12
@@ -44,6 +44,9 @@ BETWEEN = 0.25
 
 ROUGH, SPREAD_ROUGH = 0.002, 0.01
 """errors relative to thresholds, and to their mismatch"""
+
+MOST_BLIND = 0.2
+"""share of a flank that may pass unseen"""
 
 OUT = 8.0
 """robust standard deviations beyond which the count of a pixel is left out"""
@@ -64,7 +67,12 @@ class _Counts:
     half_s: float
 
 
-def fit_lamp(seen: Observed, contrast: float, period_s: float) -> tuple[Estimate, ...]:
+def fit_lamp(
+    seen: Observed,
+    contrast: float,
+    period_s: float,
+    refractory_s: tuple[float, float] = (0.0, 0.0),
+) -> tuple[Estimate, ...]:
     """Fit thresholds, their mismatch and dead pixels.
 
     Args:
@@ -72,6 +80,7 @@ def fit_lamp(seen: Observed, contrast: float, period_s: float) -> tuple[Estimate
         contrast: Its bright light over its dark light, more than 1; on the sensor, with the light
             that is there without the lamp.
         period_s: From one rise to the next, s.
+        refractory_s: The time for which a pixel is blind after an event, and its standard error.
 
     Raises:
         EvsError: Contrast or period is senseless.
@@ -82,7 +91,39 @@ def fit_lamp(seen: Observed, contrast: float, period_s: float) -> tuple[Estimate
         reason = f"{min(len(rises), len(falls))} flanks; record 10 periods"
         return tuple(cannot(key, seen.source, reason) for key in KEYS)
     counts, dead = _counts(seen, rises, falls, period_s)
-    return *_thresholds(seen.source, counts, math.log(contrast)), dead
+    found = _thresholds(seen.source, counts, math.log(contrast))
+    shares = [blind_share(seen, begins, on, period_s, refractory_s[0])
+              for begins, on in ((rises, True), (falls, False))]  # fmt: skip
+    rough = refractory_s[1] / refractory_s[0] if refractory_s[0] > 0.0 else 0.0
+    return *(_seen(one, shares, math.hypot(rough, 0.3)) for one in found), dead
+
+
+def blind_share(
+    seen: Observed, begins: I64, on: bool, period_s: float, refractory_s: float
+) -> float:
+    """Share of the log light of a flank that passes while the pixels are blind."""
+    every = seen.intervals
+    place = np.searchsorted(begins, every.begin_us, side="right") - 1
+    late = every.begin_us - begins[np.maximum(place, 0)]
+    chosen = (every.before_on == on) & (every.after_on == on) & (place >= 0)
+    chosen &= (late < 1e6 * AFTER * period_s) & (every.length_us < 1e6 * AFTER * period_s)
+    if not chosen.any() or not refractory_s > 0.0:
+        return 0.0
+    shares = 1e6 * refractory_s / np.maximum(every.length_us[chosen], 1)
+    return float(np.minimum(shares, 1.0).mean())
+
+
+def _seen(one: Estimate, shares: list[float], rough: float) -> Estimate:
+    """A threshold without what passed while the pixel was blind, which an event takes along."""
+    if not one.told:
+        return one
+    share = dict(zip(KEYS[:3], [*shares, max(shares)], strict=True))[one.key]
+    if share > MOST_BLIND:
+        reason = f"the pixels are blind for {100.0 * share:.0f} % of a flank; use a ramp"
+        return cannot(one.key, one.source, reason)
+    value = one.number * (1.0 - share)
+    error = math.hypot(one.error * (1.0 - share), rough * share * one.number)
+    return Estimate(one.key, value, error, one.source, note=one.note)
 
 
 def flank_counts(seen: Observed, begins: I64, on: bool, before_s: float, after_s: float) -> F64:

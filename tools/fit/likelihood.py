@@ -138,7 +138,7 @@ def fit_bins(bins: I64, probabilities: Probabilities, start: F64, bounds: tuple[
                 damping = max(damping / 5.0, 1e-6)
                 break
             damping *= 8.0
-        if gain < (2e-3 if damping < 1.0 else 1e-5):
+        if gain < (1e-2 if damping < 1.0 else 1e-5):
             break
     return Fit(point, now)
 

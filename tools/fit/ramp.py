@@ -27,8 +27,23 @@ FEWEST_PIXELS = 8
 FAR = 6.0
 """robust standard deviations beyond which a pixel is left out: it is no threshold that it shows"""
 
+ROUGH = 0.01
+"""relative error of the mismatch by what the method leaves out"""
+
 MOST_LEAK = 0.3
 """share of a threshold that leak may bring; such pixels are left out"""
+
+
+@dataclass(frozen=True)
+class PixelLeaks:
+    """What a still view tells of the leak of each pixel."""
+
+    rate_hz: F64
+    """(pixels,)"""
+    error_hz: float = 0.0
+    """standard error of their mean"""
+    variance_hz2: float = 0.0
+    """of what a pixel's own leak may differ by, Hz^2"""
 
 
 @dataclass(frozen=True)
@@ -47,8 +62,8 @@ def fit_ramp(
     seen: Observed,
     contrast: float,
     period_s: float,
-    leak_hz: F64 | None = None,
-    leak_error_hz: float = 0.0,
+    leaks: PixelLeaks | None = None,
+    refractory_s: tuple[float, float] = (0.0, 0.0),
 ) -> RampThresholds:
     """Fit the thresholds.
 
@@ -56,28 +71,30 @@ def fit_ramp(
         seen: Light that rises evenly in its logarithm for half of a period and falls for the other.
         contrast: The brightest light over the darkest, more than 1.
         period_s: Of the light, s.
-        leak_hz: (pixels,) leak rate of each pixel; None: it is not known.
-        leak_error_hz: What the mean leak rate may be wrong by, a standard error.
+        leaks: Of the pixels; None: they have none.
+        refractory_s: The time for which a pixel is blind after an event, and its standard error.
 
     Raises:
         EvsError: Contrast or period is senseless.
     """
     check_light(contrast, period_s)
     slope = math.log(contrast) / (0.5 * period_s)
-    leaks = np.zeros(seen.pixels) if leak_hz is None else leak_hz
-    rises, falls = (_intervals_s(seen, on, period_s) for on in (True, False))
-    share = leaks * rises
+    known = leaks or PixelLeaks(np.zeros(seen.pixels))
+    leak_hz = known.rate_hz
+    blind_s, blind_error_s = refractory_s
+    rises, falls = (_intervals_s(seen, on, period_s) - blind_s for on in (True, False))
+    share = leak_hz * rises
     ons = slope * rises / (1.0 - np.where(np.abs(share) < MOST_LEAK, share, np.nan))
     on = ons.mean(axis=0)
     # a pixel whose rises cannot be timed has the mean of the others
-    drift = leaks * np.where(np.isfinite(on), on, _middle(on))
+    drift = leak_hz * np.where(np.isfinite(on), on, _middle(on))
     offs = (slope - np.where(drift < MOST_LEAK * slope, drift, np.nan)) * falls
     off = offs.mean(axis=0)
     halves = np.concatenate([ons, offs])
     found = (
-        _mean(seen, KEYS[0], on, slope, leak_error_hz),
-        _mean(seen, KEYS[1], off, slope, leak_error_hz),
-        _spread(seen, halves),
+        _mean(seen, KEYS[0], on, slope, known.error_hz, blind_error_s),
+        _mean(seen, KEYS[1], off, slope, known.error_hz, blind_error_s),
+        _spread(seen, halves, slope, known.variance_hz2),
         _dead(seen, period_s),
     )
     return RampThresholds(on, off, halves, found)
@@ -123,7 +140,9 @@ def _usual(theta: F64) -> Mask:
     return known & (np.abs(np.nan_to_num(theta) - middle) <= FAR * max(sigma, 1e-3 * middle))
 
 
-def _mean(seen: Observed, key: str, theta: F64, slope: float, leak_error_hz: float) -> Estimate:
+def _mean(
+    seen: Observed, key: str, theta: F64, slope: float, leak_error_hz: float, blind_error_s: float
+) -> Estimate:
     usual = _usual(theta)
     count = int(usual.sum())
     if count < FEWEST_PIXELS:
@@ -139,10 +158,11 @@ def _mean(seen: Observed, key: str, theta: F64, slope: float, leak_error_hz: flo
     # a wrong leak shifts every threshold alike; stamps are whole us
     shift = leak_error_hz * mean * mean / slope
     stamp = slope * 1e-6 / math.sqrt(6.0)
-    return Estimate(key, mean, math.hypot(chance, shift, stamp), seen.source)
+    error = math.hypot(chance, shift, stamp, slope * blind_error_s)
+    return Estimate(key, mean, error, seen.source)
 
 
-def _spread(seen: Observed, halves: F64) -> Estimate:
+def _spread(seen: Observed, halves: F64, slope: float, variance_hz2: float) -> Estimate:
     """The covariance of even and odd periods has the pixels' spread without the noise of either."""
     variances, counts = [], []
     for even, odd in (halves[:2], halves[2:]):
@@ -154,10 +174,14 @@ def _spread(seen: Observed, halves: F64) -> Estimate:
         return cannot("sigma_thres", seen.source, "too few pixels have intervals in two periods")
     total = sum(counts)
     variance = sum(v * n for v, n in zip(variances, counts, strict=True)) / total
+    # what is not known of a pixel's leak looks like mismatch, alike in both halves
+    leaked = variance_hz2 * float(np.nanmedian(halves)) ** 4 / slope**2
+    variance -= leaked
     noise = float(np.nanmean(_noise(halves)))
     sigma = math.sqrt(max(variance, 0.0))
     # of a sample covariance: (both variances, and the square of the covariance) / n
     own = math.sqrt(((max(variance, 0.0) + noise) ** 2 + variance**2) / total)
+    own = math.hypot(own, 0.5 * leaked, 2.0 * ROUGH * max(variance, 0.0))
     error = own / (2.0 * sigma) if sigma > 0.0 else math.sqrt(max(own, 0.0))
     if sigma < 2.0 * error:
         most = math.sqrt(max(variance, 0.0) + 2.0 * own)

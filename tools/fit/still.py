@@ -23,7 +23,7 @@ from evs.tools.fit.likelihood import (
     mixed_probabilities,
     stages_covariance,
 )
-from evs.tools.fit.observed import F64, I64, Observed
+from evs.tools.fit.observed import F64, I64, Mask, Observed
 
 DECADE = math.log(10.0)
 
@@ -43,6 +43,9 @@ BETTER = 5.0
 
 MOST_NOISE = 3.0
 """noise events for each event of leak beyond which the leak is lost in them"""
+
+ROUGH_LEAK, ROUGH_TAIL, ROUGH_SPREAD = 0.2, 3.0, 0.5
+"""errors if all were noise: of leak and of the tail's median, relative; of its spread, decades"""
 
 LN_LOW, LN_HIGH = -14.0, 9.0
 """natural logarithm of the lowest and the highest rate of a pixel, Hz"""
@@ -78,6 +81,7 @@ class Background:
     """decades"""
     leak_hz: F64
     """(pixels,) leak of each pixel as counted, unbiased but noisy"""
+    seconds: float
     source: str
     reasons: dict[str, str]
     """key -> why it cannot be told"""
@@ -89,19 +93,20 @@ class _Model:
 
     edges: I64
     seconds: float
-    uneven: float
+    uneven_on: float
     """spread of noise by thresholds, standard deviation of its logarithm"""
+    uneven_off: float
 
     def off(self, value: dict[str, float]) -> F64:
         """Of OFF events, which are noise."""
-        rates, shares = self._noise(value, 121)
+        rates, shares = self._noise(value, self.uneven_off, 121)
         return mixed_probabilities(
             self.edges, np.zeros(len(rates)), 0.5 * rates * self.seconds, shares
         )
 
     def on(self, value: dict[str, float]) -> F64:
         """Of ON events, which are noise, leak, and the tail of leak."""
-        rates, shares = self._noise(value, 45)
+        rates, shares = self._noise(value, self.uneven_on, 45)
         leaks, weights = self._leaks(value)
         s, leak = rates[:, None], leaks[None, :]
         # each noise event sets back the reference of a pixel that leaks
@@ -119,12 +124,12 @@ class _Model:
             BLUR,
         )
 
-    def _noise(self, value: dict[str, float], most: int) -> tuple[F64, F64]:
+    def _noise(self, value: dict[str, float], uneven: float, most: int) -> tuple[F64, F64]:
         """(rates, weights), at most so many."""
         if "noise" not in value:
             return np.zeros(1), np.ones(1)
         mean = math.exp(value["noise"])
-        sigma = math.hypot(_spread(value), self.uneven)
+        sigma = math.hypot(_spread(value), uneven)
         # as close as chance blurs them
         blur = math.sqrt(max(0.5 * mean * self.seconds, 1.0))
         return _log_normal(mean, sigma, min(max(9, math.ceil(14.0 * sigma * blur)), most))
@@ -134,12 +139,12 @@ class _Model:
         if "leak" not in value:
             return np.zeros(1), np.ones(1)
         # whole counts of a regular train blur nothing: without noise the nodes are close
-        close = 141 if "noise" in value or "tail_median" in value else 701
+        close = 71 if "noise" in value or "tail_median" in value else 701
         base, shares = _log_normal(math.exp(value["leak"]), _spread(value), close)
         if "tail_median" not in value:
             return base, shares
         median, sigma = math.exp(value["tail_median"]), math.exp(value["tail_spread"])
-        z, weights = _nodes(601)
+        z, weights = _nodes(401)
         tail = np.minimum(median * np.exp(sigma * z), MOST_HOT_LEAK_HZ)
         rates = (base[:, None] + tail[None, :]).ravel()
         grid = GRID // 3 if "noise" in value else GRID
@@ -177,14 +182,20 @@ def _regrouped(rates: F64, weights: F64, size: int) -> tuple[F64, F64]:
     return grid[shares > 1e-9], shares[shares > 1e-9]
 
 
-def fit_still(seen: Observed, lux: float, unevenness: float = 0.15) -> Background:
+def fit_still(
+    seen: Observed,
+    lux: float,
+    unevenness: tuple[float, float] = (0.15, 0.15),
+    alive: Mask | None = None,
+) -> Background:
     """Fit the background.
 
     Args:
         seen: A view without any change, or a lens cap.
         lux: Illuminance of the sensor; 0: a lens cap.
-        unevenness: Of the thresholds, standard deviation over mean: uneven pixels are unevenly
-            noisy.
+        unevenness: Of ON and OFF thresholds, standard deviation over mean: uneven pixels are
+            unevenly noisy.
+        alive: (pixels,) those that answer light; None: all of them.
 
     Raises:
         EvsError: The recording has no duration, or the illuminance is senseless.
@@ -192,15 +203,17 @@ def fit_still(seen: Observed, lux: float, unevenness: float = 0.15) -> Backgroun
     if not seen.seconds > 0.0:
         raise EvsError(f"{seen.source}: all its events have one stamp; record some seconds")
     if not lux >= 0.0 or not math.isfinite(lux):
-        raise EvsError(f"--lux is {lux:g}; give the illuminance of the sensor, 0 or more")
-    on, off, seconds = seen.on_counts, seen.off_counts, seen.seconds
+        raise EvsError(f"--still-lux is {lux:g}; give the illuminance of the sensor, 0 or more")
+    used = np.ones(seen.pixels, bool) if alive is None else alive
+    on, off, seconds = seen.on_counts[used], seen.off_counts[used], seen.seconds
     noise = int(off.sum()) >= FEWEST_EVENTS
     excess = int(on.sum()) - int(off.sum())
     leak = excess >= max(FEWEST_EVENTS, 3.0 * math.sqrt(float(on.sum() + off.sum())))
     lost = _reasons(seen, noise, leak)
     edges = bin_edges(int(max(on.max(), off.max())))
-    uneven = math.sqrt(math.log1p(unevenness**2 * (1.0 + 8.0 * unevenness**2)))
-    model = _Model(edges, seconds, uneven)
+    # of 1 / theta, to fourth order
+    uneven = [math.sqrt(math.log1p(u**2 * (1.0 + 6.0 * u**2))) for u in unevenness]
+    model = _Model(edges, seconds, uneven[0], uneven[1])
     stages: list[_Stage] = []
     if noise:
         start = {"noise": math.log(2.0 * float(off.mean()) / seconds)}
@@ -208,7 +221,7 @@ def fit_still(seen: Observed, lux: float, unevenness: float = 0.15) -> Backgroun
         stages.append(_fit_stage(bins, model.off, {}, [start, start | SPREAD]))
     if leak:
         known = dict(stages[0].value) if stages else {}
-        size = math.log(excess / seen.pixels / seconds)
+        size = math.log(excess / len(on) / seconds)
         start = {"leak": size}
         tried = [start] if "spread" in known else [start, start | SPREAD]
         bins = np.searchsorted(edges, on).astype(np.int64)
@@ -291,6 +304,12 @@ def _background(
         return size / DECADE, error / DECADE
 
     leak = told("leak", none)
+    # where noise sets back the leak, what is left of a weak one is known roughly
+    rough = told("noise", none)[0] / max(told("noise", none)[0] + leak[0], 1e-9)
+    leak = leak[0], math.hypot(leak[1], ROUGH_LEAK * rough * leak[0])
+    tail, wide = told("tail_median", nothing), decades("tail_spread")
+    tail = tail[0], math.hypot(tail[1], ROUGH_TAIL * rough * tail[0])
+    wide = wide[0], math.hypot(wide[1], ROUGH_SPREAD * rough)
     if "leak" in value and math.exp(value.get("noise", -math.inf)) > MOST_NOISE * leak[0]:
         leak = nothing
         for key in ("leak_rate_hz", "hot_leak_median_hz", "hot_leak_cov_decades"):
@@ -310,9 +329,10 @@ def _background(
         leak=leak,
         noise=told("noise", none),
         spread=decades("spread"),
-        tail_median=told("tail_median", nothing),
-        tail_spread=decades("tail_spread"),
+        tail_median=tail,
+        tail_spread=wide,
         leak_hz=(seen.on_counts - seen.off_counts) / seen.seconds,
+        seconds=seen.seconds,
         source=seen.source,
         reasons=lost,
     )
