@@ -29,7 +29,7 @@ GROUPS = 5
 FASTEST_US = 20.0
 """time constant below which a lamp or its driver is slower than the pixel"""
 
-ROUGH = 0.02
+ROUGH = 0.015
 """relative error of taking whole events for the log light"""
 
 
@@ -74,7 +74,9 @@ def fit_bandwidth(
     if not 0.0 < rate < 1e6 / FASTEST_US:
         reason = f"all events of a flank come within {3.0 * FASTEST_US:g} us"
         return [cannot(KEYS[0], source, reason), *late]
-    error = math.hypot(float(known.std(ddof=1)) / math.sqrt(GROUPS), ROUGH * rate, blind * rate)
+    error = math.hypot(
+        float(known.std(ddof=1)) / math.sqrt(GROUPS), ROUGH * rate, 0.5 * blind * rate
+    )
     at_hz, at_error = rate / (2.0 * math.pi), error / (2.0 * math.pi)
     found = f"it is {at_hz:.3g} +- {at_error:.2g} Hz in the lamp's bright light"
     if lux is None:

@@ -164,7 +164,7 @@ def _blind_s(found: Estimate, lights: list[Light], base: SensorParameters) -> tu
     lengths = [one.seen.intervals.length_us for one in lights]
     most_s = 1e-6 * min((int(each.min()) for each in lengths if len(each)), default=0)
     value = min(base.refractory_period_s, most_s)
-    return value, value
+    return value, 0.5 * value
 
 
 def _unevenness(found: list[Estimate], base: SensorParameters) -> tuple[float, float]:

@@ -22,6 +22,9 @@ FEWEST_CYCLES = 4
 BEFORE, AFTER = 0.02, 0.3
 """the longest window of a flank, in periods around its beginning"""
 
+SETTLED = 0.25
+"""longest time of a flank, in periods; the contrast of a longer one is not all there"""
+
 CALM = 0.45
 """until then nothing changes, in periods"""
 
@@ -39,7 +42,7 @@ ROUNDS = 12
 STEP = 0.02
 """of numeric derivatives, relative"""
 
-BETWEEN = 0.25
+BETWEEN = 0.15
 """error, in events, for each event of leak or noise between two flanks"""
 
 ROUGH, SPREAD_ROUGH = 0.002, 0.01
@@ -65,6 +68,8 @@ class _Counts:
     noise_hz: float
     """both polarities"""
     half_s: float
+    burst_s: float
+    """the longer of the bursts of events, s"""
 
 
 def fit_lamp(
@@ -91,6 +96,9 @@ def fit_lamp(
         reason = f"{min(len(rises), len(falls))} flanks; record 10 periods"
         return tuple(cannot(key, seen.source, reason) for key in KEYS)
     counts, dead = _counts(seen, rises, falls, period_s)
+    if counts.burst_s > SETTLED * period_s:
+        reason = "the pixels have not settled when the lamp changes again: brighter, or slower"
+        return *(cannot(key, seen.source, reason) for key in KEYS[:3]), dead
     found = _thresholds(seen.source, counts, math.log(contrast))
     shares = [blind_share(seen, begins, on, period_s, refractory_s[0])
               for begins, on in ((rises, True), (falls, False))]  # fmt: skip
@@ -170,11 +178,12 @@ def _burst_s(seen: Observed, begins: I64, on: bool, calm_hz: float, period_s: fl
 def _counts(seen: Observed, rises: I64, falls: I64, period_s: float) -> tuple[_Counts, Estimate]:
     # the reference has to leak through a whole threshold after a fall, and a part after a rise
     high_hz, low_hz = (_calm_hz(seen, begins, period_s) for begins in (rises, falls))
-    parts = []
+    parts, bursts = [], []
     # the first cycle begins where the camera happened to rest
     for begins, on, rate in ((rises[1:], True, high_hz[0]), (falls[1:], False, low_hz[1])):
         before_s = BEFORE * period_s
-        after_s = min(_burst_s(seen, begins, on, rate, period_s), AFTER * period_s)
+        bursts.append(_burst_s(seen, begins, on, rate, period_s))
+        after_s = min(bursts[-1], AFTER * period_s)
         before_s = min(before_s, after_s)
         counts = flank_counts(seen, begins, on, before_s, after_s).mean(axis=0)
         parts.append(counts - rate * (before_s + after_s))
@@ -186,7 +195,9 @@ def _counts(seen: Observed, rises: I64, falls: I64, period_s: float) -> tuple[_C
     usual = _inside(means[0]) & _inside(means[1])
     cycles = min(len(rises), len(falls)) - 1
     leak_hz, noise_hz = max(high_hz[0] - high_hz[1], 0.0), high_hz[1] + low_hz[1]
-    counts = _Counts(means[0][usual], means[1][usual], cycles, leak_hz, noise_hz, 0.5 * period_s)
+    counts = _Counts(
+        means[0][usual], means[1][usual], cycles, leak_hz, noise_hz, 0.5 * period_s, max(bursts)
+    )
     return counts, dead
 
 

@@ -22,8 +22,8 @@ FEWEST = 200
 NEAR = 40
 """pixels with the shortest intervals, whose density is compared with that of as many beyond"""
 
-UNEVEN = 0.5
-"""logarithm of a ratio of densities that chance does not reach: 2.2 times sqrt(2 / NEAR)"""
+UNEVEN = 0.7
+"""logarithm of a ratio of densities that chance does not reach: 3.1 times sqrt(2 / NEAR)"""
 
 EDGE_US = 6.0
 """an edge that is not wider is hard: stamps are whole us"""
@@ -61,12 +61,13 @@ def fit_refractory(seen: Observed, *, still: bool = False) -> Estimate:
     # of evenly dense intervals, one of so many lies below the first
     step = (near - shortest) / NEAR
     error = math.hypot(step, 1.0 / math.sqrt(6.0))
-    if error > 0.2 * shortest:
+    if error > 0.1 * shortest:
         return cannot(KEY, seen.source, at_most)
     if float(np.mean(lengths == lengths.min())) > PILE:
         return cannot(KEY, seen.source, f"{at_most}, at which the readout or the light piles them")
     # the first NEAR and the next are as long as each other, within chance, if the edge is hard
     one, other = near - shortest, far - near
-    if one + other > EDGE_US and abs(math.log((other + 0.5) / (one + 0.5))) > UNEVEN:
+    # intervals become denser with their length where the edge is soft
+    if one + other > EDGE_US and math.log((one + 0.5) / (other + 0.5)) > UNEVEN:
         return cannot(KEY, seen.source, f"{at_most}, and the edge is soft")
     return Estimate(KEY, 1e-6 * (shortest - step), 1e-6 * error, seen.source)

@@ -127,3 +127,13 @@ def test_the_file_says_where_each_value_comes_from(tmp_path) -> None:
     lines = path.read_text().splitlines()
     assert any(line.startswith("pos_thres = ") and "# fit: ramp, 0.2" in line for line in lines)
     assert any(line.startswith("cutoff_hz = ") and "davis346, not fitted" in line for line in lines)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("period_s", [2e-4, 1e-3])
+def test_noise_tells_the_refractory_period(period_s: float) -> None:
+    keys = {"pos_thres": 0.2, "neg_thres": 0.2, "hot_leak_median_hz": 0.02}
+    noisy = keys | {"shot_noise_rate_hz": 8.0, "refractory_period_s": period_s}
+    seen = lamps.dark(10.0, 5, **noisy)
+    found = fit_camera([Light(seen, "dark", 0.0)], BASE)["refractory_period_s"]
+    assert abs(found.number - period_s) < 3.0 * found.error < 0.2 * period_s
