@@ -23,6 +23,8 @@ FEWEST_INTERVALS = 2
 """of a pixel and polarity, in each half of the recording"""
 
 FEWEST_PIXELS = 8
+LEAST_SHARE = 0.25
+"""of the pixels, which a light that fills the view reaches; something else moved otherwise"""
 
 FAR = 6.0
 """robust standard deviations beyond which a pixel is left out: it is no threshold that it shows"""
@@ -145,7 +147,7 @@ def _mean(
 ) -> Estimate:
     usual = _usual(theta)
     count = int(usual.sum())
-    if count < FEWEST_PIXELS:
+    if count < max(FEWEST_PIXELS, LEAST_SHARE * seen.pixels):
         word = "ON" if key == KEYS[0] else "OFF"
         return cannot(
             key,
@@ -167,7 +169,7 @@ def _spread(seen: Observed, halves: F64, slope: float, variance_hz2: float) -> E
     variances, counts = [], []
     for even, odd in (halves[:2], halves[2:]):
         usual = _usual(even) & _usual(odd)
-        if usual.sum() >= FEWEST_PIXELS:
+        if usual.sum() >= max(FEWEST_PIXELS, LEAST_SHARE * seen.pixels):
             variances.append(float(np.cov(even[usual], odd[usual])[0, 1]))
             counts.append(int(usual.sum()))
     if not counts:
