@@ -96,6 +96,12 @@ def shifted_level(shift: F32, x: F32) -> F32:
     return x + shift / (_f(1) + _f(0.23) * np.where(x > 0, x, _f(0)) * shift)
 
 
+def passage_rate(shift: F32, x: F32) -> F32:
+    """Rate of first passages at a level, in units of the slower pole."""
+    level = shifted_level(shift, np.clip(x, _f(-3), _f(7)))
+    return np.where(x < FAR, one_pole_rate(np.minimum(level, _f(7))), _f(0))
+
+
 Real = TypeVar("Real", F32, float)
 
 
