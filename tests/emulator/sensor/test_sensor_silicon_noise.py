@@ -192,3 +192,16 @@ def test_latency_jitters_by_ms_in_the_dark_and_by_us_in_the_light(
         f"jitter {jitter_us:.1f} us"
     )
     assert least_us < jitter_us < most_us
+
+
+@pytest.mark.parametrize("lux", [0.1, 1.0, 1000.0])
+def test_no_burst_of_noise_at_the_first_light(lux: float) -> None:
+    """The phases of the leak keep out of the reach of the noise."""
+    side = 100
+    model = PlainModel(chip("davis346", side), 1)
+    state, counts = model.init(SEED), []
+    for k in range(200):
+        events, state = model.step(light(side, lux), state, 1000 * k, 1000 * (k + 1))
+        counts.append(len(events))
+    first, later = sum(counts[:10]), sum(counts[100:]) / 10.0
+    assert first < 1.5 * later + 5.0 * math.sqrt(later + 1.0)
