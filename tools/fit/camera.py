@@ -109,7 +109,7 @@ def fit_camera(lights: list[Light], base: SensorParameters) -> FittedCamera:
         if one.seen.frames:
             found += fit_frames(one.seen, noise_hz)
     if backgrounds:
-        found += law_estimates(backgrounds, base)
+        found += law_estimates(backgrounds, base, {one.key: one for one in combined(found)})
     for one in changing:
         if one.kind == "lamp" and one.contrast and one.period_s:
             found += fit_bandwidth(one.seen, one.contrast, one.period_s, base, one.lux, blind_s[0])

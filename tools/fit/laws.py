@@ -6,6 +6,7 @@ import math
 
 from evs.emulator.sensor import SensorParameters
 from evs.tools.fit.estimate import Estimate, cannot
+from evs.tools.fit.photocurrent import photocurrent
 from evs.tools.fit.still import Background
 
 DARK_LUX = 0.0
@@ -20,16 +21,24 @@ def noise_share(base: SensorParameters, lux: float) -> float:
     return 1.0 - (1.0 - bright) * min(1.0, relative)
 
 
-def law_estimates(found: list[Background], base: SensorParameters) -> list[Estimate]:
+def law_estimates(
+    found: list[Background], base: SensorParameters, thresholds: dict[str, Estimate]
+) -> list[Estimate]:
     """Leak, its growth with the light, noise and its law, the spread, and the hot tail.
 
     Args:
         found: The background at each light level that was recorded.
-        base: Gives the law and the light levels that the rates refer to.
+        base: Gives the law and the light levels that the rates refer to. If it has photon noise,
+            the noise tells its photocurrent.
+        thresholds: What other recordings tell of the thresholds, by key.
     """
     levels = sorted(found, key=lambda one: one.lux)
     darkest = levels[0]
-    estimates = _leak(levels, base) + _noise(levels, base)
+    estimates = _leak(levels, base)
+    if base.photocurrent_pa > 0.0:
+        estimates.append(photocurrent(darkest, base, thresholds))
+    else:
+        estimates += _noise(levels, base)
     for one in levels:
         for key, (value, error) in (
             ("noise_rate_cov_decades", one.spread),

@@ -46,7 +46,9 @@ def sensor_toml(fitted: FittedCamera, base: str) -> str:
 def _follows(fitted: FittedCamera) -> Iterator[tuple[str, Any, str]]:
     """Values that would count twice beside a fitted one."""
     told = fitted.told
-    if "shot_noise_rate_hz" in told:
+    if "photocurrent_pa" in told:
+        yield "shot_noise_rate_hz", 0.0, "fit: the noise is in photocurrent_pa"
+    elif "shot_noise_rate_hz" in told:
         yield "photocurrent_pa", 0.0, "fit: the noise is in shot_noise_rate_hz"
     if "leak_rate_hz" in told and "hot_leak_median_hz" not in told:
         yield "hot_leak_median_hz", 0.0, "fit: what tail there is, is in leak_rate_hz"

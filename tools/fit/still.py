@@ -272,24 +272,32 @@ def _fit_stage(
     return _Stage(bins, probabilities, best, own)
 
 
+def _variance(stages: list[_Stage]) -> dict[str, float]:
+    """Of each fitted parameter; NaN: its error has no bound."""
+    if not stages:
+        return {}
+    names = list(stages[-1].value)
+    point = np.array([stages[-1].value[name] for name in names])
+
+    def of(stage: _Stage) -> Callable[[F64], F64]:
+        there = set(stage.value)
+        return lambda at: stage.probabilities(
+            {n: v for n, v in zip(names, at.tolist(), strict=True) if n in there}
+        )
+
+    parts = [(one.bins, of(one), [names.index(name) for name in one.own]) for one in stages]
+    covariance = stages_covariance(parts, point)
+    return dict(zip(names, np.diag(covariance).tolist(), strict=True))
+
+
 def _background(
     seen: Observed, lux: float, stages: list[_Stage], lost: dict[str, str]
 ) -> Background:
     value = stages[-1].value if stages else {}
-    names = list(value)
-    variance: dict[str, float] = {}
-    if stages:
-        point = np.array([value[name] for name in names])
-
-        def of(stage: _Stage) -> Callable[[F64], F64]:
-            there = set(stage.value)
-            return lambda at: stage.probabilities(
-                {n: v for n, v in zip(names, at.tolist(), strict=True) if n in there}
-            )
-
-        parts = [(one.bins, of(one), [names.index(name) for name in one.own]) for one in stages]
-        covariance = stages_covariance(parts, point)
-        variance = dict(zip(names, np.diag(covariance).tolist(), strict=True))
+    variance = _variance(stages)
+    if any(math.isnan(one) for one in variance.values()):
+        # a leak that is lost in the noise has no error; the noise has its own
+        variance |= _variance(stages[:1])
     nothing = (math.nan, math.nan)
     none = (0.0, 1.0 / (seen.pixels * seen.seconds))
 

@@ -123,7 +123,7 @@ class Full(EventsOnly):
 def test_a_disk_that_is_full_at_a_frame_ends_the_run_in_one_line() -> None:
     sink = Full()
     with pytest.raises(EvsError, match="cannot write: No space left on device"):
-        run(world_of([*WORDS, *BOTH]), [sink], 0.05)
+        run(world_of([*WORDS, *BOTH, "sensor.shot_noise_rate_hz=100"]), [sink], 0.05)
     assert sink.events > 0
 
 

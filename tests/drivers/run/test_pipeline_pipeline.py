@@ -244,7 +244,8 @@ def test_presets_want_a_scene_and_nothing_else() -> None:
         config = load(name, SCENE)
         # they say how light becomes events, and nothing of where and what for
         tables = settings.read_toml(pipelines()[name])
-        assert set(tables) <= {"render", "model"}
+        assert set(tables) <= {"render", "model", "sensor"}
+        assert set(tables.get("sensor", {})) <= {"photocurrent_pa"}
         assert config.emulation().scene.file == "x.xml"
         with pytest.raises(EvsError, match="no scene: give --scene"):
             load(name)
