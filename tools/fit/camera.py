@@ -196,24 +196,23 @@ def _leaks(backgrounds: list[Background], base: SensorParameters, pixels: int) -
     if not known:
         return PixelLeaks(np.zeros(pixels), max(by_base, 0.1))
     one = known[0]
-    mean, error = one.leak
-    if math.isfinite(one.tail_median[0]):
-        sigma = min(one.tail_spread[0] * DECADE, 4.0)
-        mean += one.tail_median[0] * math.exp(0.5 * sigma**2)
-    # noise hides leak events, not the leak
-    counted = float(np.mean(one.leak_hz))
-    factor = min(max(mean / counted, 1.0), 3.0) if counted > 0.0 else 1.0
-    rates = one.leak_hz * factor
+    counted, error = one.leak_hz, one.leak[1]
+    # noise sets back the reference: of a leak L, N / (e^(N/L) - 1) is left in noise of a rate N
+    usual_hz = max(float(np.mean(counted[counted <= np.quantile(counted, 0.95)])), 1e-9)
+    seen = np.maximum(counted, usual_hz)
+    noise = max(one.noise[0], 1e-9)
+    gain = noise / np.log1p(noise / seen) / seen
+    rates = counted * gain
+    factor = float(gain.max())
     # chance in the counts, and how much the pixels really differ but for the hot ones
-    chance = factor**2 * max(counted + one.noise[0], 1e-9) / one.seconds
+    chance = factor**2 * max(usual_hz + one.noise[0], 1e-9) / one.seconds
     usual = rates[rates <= np.quantile(rates, 0.95)]
     own = max(float(np.var(usual)) - chance, 0.0)
     if math.isfinite(one.spread[0]):
         own = max(own, one.leak[0] ** 2 * math.expm1((one.spread[0] * DECADE) ** 2))
     share = own / (own + chance)
     hot = rates > float(usual.mean()) + 6.0 * math.sqrt(own + chance)
-    # most pixels are far below a mean that a tail is in
-    middle = min(mean, float(usual.mean()))
+    middle = float(rates[~hot].mean())
     shrunk = np.where(hot, rates, middle + share * (rates - middle))
-    error = math.hypot(error, 0.1 * mean * (factor - 1.0))
+    error = math.hypot(error, 0.1 * middle * (factor - 1.0))
     return PixelLeaks(shrunk, error, share * chance)

@@ -47,6 +47,9 @@ MOST_NOISE = 3.0
 ROUGH_LEAK, ROUGH_TAIL, ROUGH_SPREAD = 0.2, 3.0, 0.5
 """errors if all were noise: of leak and of the tail's median, relative; of its spread, decades"""
 
+ROUGH_NOISE = 0.01, 0.02
+"""relative errors of the rate of the noise and of its spread by what the model leaves out"""
+
 LN_LOW, LN_HIGH = -14.0, 9.0
 """natural logarithm of the lowest and the highest rate of a pixel, Hz"""
 
@@ -311,6 +314,12 @@ def _background(
         size, error = told(name, nothing)
         return size / DECADE, error / DECADE
 
+    noise, spread = (
+        (size, math.hypot(error, rough * size))
+        for (size, error), rough in zip(
+            (told("noise", none), decades("spread")), ROUGH_NOISE, strict=True
+        )
+    )
     leak = told("leak", none)
     # where noise sets back the leak, what is left of a weak one is known roughly
     rough = told("noise", none)[0] / max(told("noise", none)[0] + leak[0], 1e-9)
@@ -335,8 +344,8 @@ def _background(
     return Background(
         lux,
         leak=leak,
-        noise=told("noise", none),
-        spread=decades("spread"),
+        noise=noise,
+        spread=spread,
         tail_median=tail,
         tail_spread=wide,
         leak_hz=(seen.on_counts - seen.off_counts) / seen.seconds,
