@@ -190,11 +190,11 @@ struct PassageTable {
 
 inline const PassageTable kPassageTable;
 
-// Deviations, limited on both sides.
+// Deviations, limited on both sides. A NaN, of a pixel without a threshold, counts as the farthest.
 template <class Real>
 EVS_ALWAYS_INLINE Real in_deviations(Real x, Real farthest) {
-  const Real above = select(x > Real(-8), x, Real(-8));
-  return select(above < farthest, above, farthest);
+  const Real below = select(x < farthest, x, farthest);
+  return select(below > Real(-8), below, Real(-8));
 }
 
 // Where a level comes from, at most, deviations. One of noise that is known comes from beyond any

@@ -146,8 +146,13 @@ void pixels_survive_any_light() {
       [](Terms& t) { t.settings.lowpass_low = 1e-5, t.settings.lowpass_slope = 1e-6; },
       [](Terms& t) { t.settings.follower = 1e-3; },
       [](Terms& t) { t.settings.follower = 1e-3, t.settings.euler = true; },
-      [](Terms& t) { t.settings.follower = 1e-3, t.settings.photon = {7, 4e3}; },
+      // photon noise needs a dark current
       [](Terms& t) {
+        t.settings.map = LogMap::physical(255, 0.1f);
+        t.settings.follower = 1e-3, t.settings.photon = {7, 4e3};
+      },
+      [](Terms& t) {
+        t.settings.map = LogMap::physical(255, 0.1f);
         t.settings.lowpass_low = 1e-5, t.settings.lowpass_slope = 1e-6;
         t.settings.photon = {7, 1e6};
       },

@@ -412,8 +412,8 @@ def use_up_budgets(
 
 
 def _clip(x: F32, farthest: F32) -> F32:
-    above = np.where(x > -8, x, _f(-8))
-    return np.where(above < farthest, above, farthest)
+    below = np.where(x < farthest, x, farthest)
+    return np.where(below > -8, below, _f(-8))
 
 
 @dataclass
