@@ -248,6 +248,7 @@ _LARGEST_LOG = 256.0
 """The logarithm of no float32 is larger, of either sign, nor is any reference."""
 
 _NEVER = 2**62
+_LEAST_BUDGET = 2.0**-46
 """A time that does not come: kNever of core/sensor/shot_noise.h"""
 
 _LOGS = ("reference", "last_log", "filtered", "followed")
@@ -435,6 +436,10 @@ class PlainState:
         if any(array is not None and np.any(np.abs(array) > _NEVER) for array in times):
             return False
         if np.any(np.isinf(self.last_luminance)) or not 0 <= self.clamped <= MAX_CLOCK_US * 2**11:
+            return False
+        # a pixel without a reference draws its budget anew
+        budget = self.noise_budget
+        if budget is not None and not np.all((budget >= _LEAST_BUDGET) | np.isnan(self.reference)):
             return False
         # of shot noise nothing is left over from ticks that are done
         due = self.shot_next is not None and bool(np.any(self.shot_next <= self.clock_us * 1024))

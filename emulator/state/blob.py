@@ -212,9 +212,11 @@ def _checked(entry: Any) -> tuple[str, Row]:
 
 
 def _is_text(array: Array) -> bool:
-    """Whether its letters are ones that UTF-8 has."""
+    """Whether its letters are ones that UTF-8 has, and each text one line: messages quote them."""
     letters = array.reshape(-1).view(np.uint32)
-    return not ((letters > 0x10FFFF) | ((letters >= 0xD800) & (letters < 0xE000))).any()
+    if ((letters > 0x10FFFF) | ((letters >= 0xD800) & (letters < 0xE000))).any():
+        return False
+    return all(text.splitlines() in ([], [text]) for text in array.flat)
 
 
 def _is_count(value: Any) -> bool:

@@ -244,7 +244,7 @@ EVS_ALWAYS_INLINE uint64_t use_up_budgets(const PixelStep& step, size_t first, s
     const double r = reference[i];
     const double before = budget[i];
     const bool lasts = (static_cast<double>(least[i]) < before) & (r == r);
-    budget[i] = before - on_budget_grid(select(lasts, static_cast<double>(hazards[i]), 0.0));
+    budget[i] = select(lasts, budget_left(before, static_cast<double>(hazards[i])), before);
     b.flags[i] = lasts ? 0 : 1;
     any |= b.flags[i];
   }

@@ -134,7 +134,7 @@ struct NoisyComparators {
                               : kPassageTable.loss_at(lifted) -
                                     kPassageTable.loss_at(in_deviations(distance * scale, 8.0));
     if (passed >= budget) return true;
-    budget -= on_budget_grid(passed);
+    budget = budget_left(budget, passed);
     return false;
   }
 
@@ -279,7 +279,7 @@ struct NoisyComparators {
       }
       const double hazard = random + (step.on.moving + step.off.moving);
       if (hazard < budget) {
-        budget -= on_budget_grid(hazard);
+        budget = budget_left(budget, hazard);
         now = end;
         mean = step.mean1;
         memory = step.memory1;

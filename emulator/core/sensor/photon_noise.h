@@ -33,6 +33,7 @@ inline constexpr double kKnown = 0.1;          // a smaller memory moves levels 
 inline constexpr double kShortStep = 0.25;     // of the time in which memory is lost
 inline constexpr float kCoarseParts = 50.0f;   // of the budget; steps with more than one are short
 inline constexpr float kBeyondBudgets = 1e6f;  // hazard
+inline constexpr double kLeastBudget = 0x1p-46;
 
 struct PhotonNoise {
   uint64_t key = 0;
@@ -41,6 +42,12 @@ struct PhotonNoise {
 
 // Round to a multiple of 2^-46, |value| < 32.
 EVS_ALWAYS_INLINE double on_budget_grid(double value) { return (value + 96.0) - 96.0; }
+
+// What is left of a budget that lasts for a hazard; never nothing.
+EVS_ALWAYS_INLINE double budget_left(double budget, double hazard) {
+  const double left = budget - on_budget_grid(hazard);
+  return select(left > 0.0, left, kLeastBudget);
+}
 
 // 2^log, relative error 4e-6, for -62 < log < 63.
 template <class Real>
@@ -261,7 +268,7 @@ struct NoiseDraws {
     repeat = us == last_us ? (repeat < 63 ? repeat + 1 : 63) : 0;
     last_us = us;
     const double drawn = on_budget_grid(minus_ln(hash(key, counter(us))));
-    return drawn > 0.0 ? drawn : 0x1p-46;
+    return drawn > 0.0 ? drawn : kLeastBudget;
   }
   // By Box and Muller (1958), from the two halves of one random number.
   double standard_normal(int64_t us) const {

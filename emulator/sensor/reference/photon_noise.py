@@ -32,6 +32,7 @@ from evs.msgs import Cause
 
 FAR, PASSED, CERTAIN = 6.0, -7.0, 30.0
 FORGOTTEN, KNOWN = 2.0**-10, 0.1
+LEAST_BUDGET = 2.0**-46
 SHORT_STEP, COARSE_PARTS = 0.25, 50.0
 CELLS = 512
 
@@ -55,6 +56,12 @@ _f = np.float32
 def on_budget_grid(value: float) -> float:
     """The nearest multiple of 2^-46, for |value| < 32."""
     return (value + 96.0) - 96.0
+
+
+def budget_left(budget: float, hazard: float) -> float:
+    """What is left of a budget that lasts for a hazard."""
+    left = budget - on_budget_grid(hazard)
+    return left if left > 0.0 else LEAST_BUDGET
 
 
 def _fit(fit: str, x: F32) -> F32:
@@ -229,7 +236,7 @@ class Draws:
         self.repeat = min(self.repeat + 1, 63) if us == self.last_us else 0
         self.last_us = us
         drawn = on_budget_grid(_minus_ln(hash_bits(self.key, self._counter(us))))
-        return drawn if drawn > 0.0 else 2.0**-46
+        return drawn if drawn > 0.0 else LEAST_BUDGET
 
     def normal(self, us: int) -> float:
         """A standard normal number."""
@@ -398,7 +405,8 @@ def use_up_budgets(
     least = np.maximum(hazard, np.where(relaxes, random * _f(COARSE_PARTS), _f(0)))
     lasts = (least < budget) & ~np.isnan(state.reference) & ~still & ~candidates
     used = np.where(lasts, hazard.astype(np.float64), 0.0)
-    state.noise_budget = budget - ((used + 96.0) - 96.0)
+    left = budget - ((used + 96.0) - 96.0)
+    state.noise_budget = np.where(lasts & (left <= 0.0), LEAST_BUDGET, left)
     state.noise_memory = np.where(lasts, memory1, memory0)
     state.noise_mean = np.where(lasts, mean1, state.noise_mean)
     return Budgets(
@@ -538,7 +546,7 @@ class NoisyPixel:
             passed = loss_at(lifted) - loss_at(deviations(distance * scale))
         if passed >= self.budget:
             return True
-        self.budget -= on_budget_grid(passed)
+        self.budget = budget_left(self.budget, passed)
         return False
 
     def _stand_still(self, until: int) -> int | None:
@@ -683,7 +691,7 @@ class NoisyPixel:
                 continue
             hazard = random + (step.on.moving + step.off.moving)
             if hazard < self.budget:
-                self.budget -= on_budget_grid(hazard)
+                self.budget = budget_left(self.budget, hazard)
                 self.now, self.mean, self.memory, end = end, step.mean1, step.memory1, until
                 continue
             up = step.on.hazard > 0.0

@@ -92,6 +92,41 @@ def same_as_oracle(
     return events
 
 
+def test_a_budget_never_runs_out_without_an_event() -> None:
+    """Where the hazard is so near to the budget that rounding would leave nothing of it."""
+    frames = [frame for _, film in films(20) for frame in film[:20]][20:40]  # moving
+    models = [ReferenceModel(SENSOR), PlainModel(SENSOR, 1)]
+    state = models[1].init(5)
+    for k, frame in enumerate(frames[:-2]):
+        _, state = models[1].step(frame, state, k * 1000, (k + 1) * 1000)
+    ample = state.copy()
+    ample.noise_budget[:] = 20.0
+    _, after = models[1].step(frames[-2], ample.copy(), state.clock_us, state.clock_us + 1000)
+    used = 20.0 - after.noise_budget
+    exact = (used > 0.0) & (used < 1.0)
+    least = 2.0**-46
+    spent = 0
+    for model in models:
+        tight = state.copy()
+        tight.noise_budget[exact] = used[exact]
+        _, now = model.step(frames[-2], tight, state.clock_us, state.clock_us + 1000)
+        spent = int(np.count_nonzero(now.noise_budget == least))
+        assert now.noise_budget.min() > 0.0
+        model.step(frames[-1], now, now.clock_us, now.clock_us + 1000)
+    assert spent > 0
+
+
+def test_a_saved_budget_that_cannot_be_is_refused() -> None:
+    model = PlainModel(SENSOR, 1)
+    _, state = model.step(np.full((HEIGHT, WIDTH), 0.3, np.float32), model.init(1), 0, 1000)
+    saved = state.save()
+    for bad in (0.0, -1.0, np.nan, 5e-324):
+        budget = saved["noise_budget"].copy()
+        budget[2, 3] = bad
+        with pytest.raises(EvsError, match="damaged"):
+            PlainState.restore({**saved, "noise_budget": budget})
+
+
 def test_a_still_block_sleeps_until_its_noise_is_due() -> None:
     sensor = replace(SENSOR, photocurrent_pa=3.0, leak_rate_hz=0.0)
     model = PlainModel(sensor, 1)
