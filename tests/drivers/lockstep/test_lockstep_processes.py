@@ -32,7 +32,7 @@ SCENE = Path(__file__).parents[3] / "config" / "scenes" / "cartpole.xml"
 WIDTH, HEIGHT = 32, 24
 CAMERAS = ("watch", "onboard")
 WORDS = (
-    *("sensor.preset=dvs128", f"sensor.width={WIDTH}", f"sensor.height={HEIGHT}", "render.spp=1"),
+    *("sensor.preset=davis346", f"sensor.width={WIDTH}", f"sensor.height={HEIGHT}", "render.spp=1"),
     *("threads=1", 'lockstep.cameras=["watch", "onboard"]', "seed=5"),
     *("loop.delays.transport_us=1500", "loop.delays.transport_jitter_us=400.0"),
     *("loop.delays.drop_share=0.02", "loop.delays.control_us=1000", "loop.max_s=30.0"),
@@ -105,7 +105,7 @@ def in_process() -> evs.Loop:
     return evs.Loop(
         str(SCENE),
         cameras=CAMERAS,
-        sensor=SensorConfig("dvs128", width=WIDTH, height=HEIGHT),
+        sensor=SensorConfig("davis346", width=WIDTH, height=HEIGHT),
         render=evs.RenderConfig(spp=1),
         seed=5,
         threads=1,
@@ -196,7 +196,7 @@ def test_sinks_beside_it_get_every_tick_undelayed_and_the_report_counts(tmp_path
         recordings.append(files.read(name))
         assert Path(f"{name}.report.json").is_file()
         world = evs.World(str(SCENE), seed=place, threads=1)
-        sensor = SensorConfig("dvs128", width=WIDTH, height=HEIGHT)
+        sensor = SensorConfig("davis346", width=WIDTH, height=HEIGHT)
         world.add_camera("onboard", sensor=sensor, render=evs.RenderConfig(spp=1))
         # the control acts a tick after the decision, nothing else of the delays is in a recording
         mine = [world.step([0.0] if tick == 0 else [0.1]) for tick in range(ticks[place])]
