@@ -120,17 +120,18 @@ def dome() -> Stage:
     return _look(made, (0.3, -2.2, 2.2), (0, 0, 0.2), 2)
 
 
+def _glow(direction: F64) -> F64:
+    """A sky with a glow on one side."""
+    x, y, z = np.moveaxis(direction, -1, 0)
+    glow = np.exp(4 * (0.6 * x - 0.6 * y + 0.53 * z - 1))
+    return np.stack([0.2 + 0.8 * glow, 0.3 + 0.2 * z + 0.4 * glow, 0.5 + 0.4 * z], -1)
+
+
 def sky() -> Stage:
     """A skybox with a glow on one side, seen and lighting."""
     made = Builder()
     _things(made)
-
-    def colour(direction: np.ndarray) -> np.ndarray:
-        x, y, z = np.moveaxis(direction, -1, 0)
-        glow = np.exp(4 * (0.6 * x - 0.6 * y + 0.53 * z - 1))
-        return np.stack([0.2 + 0.8 * glow, 0.3 + 0.2 * z + 0.4 * glow, 0.5 + 0.4 * z], -1)
-
-    made.textures = [skybox(colour, 4)]
+    made.textures = [skybox(_glow, 4)]
     made.skybox = 0
     return _look(made, (0.3, -3.0, 0.8), (0, 0, 0.5), 1, sky_radiance=radiance_of(made.textures[0]))
 
@@ -144,6 +145,17 @@ def mirror() -> Stage:
     # a lamp without a size: ours are not seen in mirrors
     made.shine(LightKind.POINT, (0.9, -1.0, 2.0), diffuse=(4.0, 4.0, 4.0), bulbradius_m=0.0)
     return _look(made, (0.3, -3.0, 1.4), (0, 0, 0.3), 3)
+
+
+def faint_mirror() -> Stage:
+    """A dark floor that mirrors a fifth of a bright sky, as in dm_control."""
+    made = Builder()
+    made.add(Shape.PLANE, (6, 6, 1), (0, 0, 0), matt(0.3, reflectance=0.2))
+    made.add(Shape.SPHERE, (0.4,), (-0.5, 0, 0.45), matt(0.3))
+    made.add(Shape.BOX, (0.3, 0.2, 0.3), (0.5, 0.2, 0.3), matt_rgb((0.2, 0.4, 0.8)))
+    made.textures = [skybox(_glow, 4)]
+    made.skybox = 0
+    return _look(made, (0.3, -3.0, 1.4), (0, 0, 0.3), 1, sky_radiance=radiance_of(made.textures[0]))
 
 
 def glossy() -> Stage:
@@ -259,6 +271,7 @@ PATH_STAGES = {
     "dome": dome,
     "sky": sky,
     "mirror": mirror,
+    "faint_mirror": faint_mirror,
     "glossy": glossy,
     "metals": metals,
     "tiles": tiles,

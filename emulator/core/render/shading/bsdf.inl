@@ -48,11 +48,23 @@ struct Bsdf {
   Float alpha;         // width of the specular lobe
   Float specular[3], diffuse[3];
   Float mirror;                // share of the perfect mirror
+  Float mirror_probability;    // with which it is chosen
   Float specular_probability;  // of the specular lobe, where the mirror is not chosen
 };
 
-// Build the BSDF of an interaction. wo is -d.
-EVS_INLINE Bsdf make_bsdf(const SurfaceInteraction<3>& interaction, Vec d) {
+// The probability of the mirror where a pixel has several samples: the multiple of 1 / samples
+// nearest to its share, neither 0 nor 1. Of stratified samples as many are then mirrored in every
+// pixel, instead of one more in some.
+EVS_INLINE Float even_probability(Float mirror, int samples) {
+  if (samples < 2) return mirror;
+  const float count = static_cast<float>(samples);
+  Float whole = to_float(truncate(mirror * count + 0.5f));
+  whole = min(max(whole, splat(1.0f)), splat(count - 1.0f));
+  return select((mirror > 0.0f) & (mirror < 1.0f), whole * (1.0f / count), mirror);
+}
+
+// Build the BSDF of an interaction. wo is -d; `samples` are those of a pixel that meet here.
+EVS_INLINE Bsdf make_bsdf(const SurfaceInteraction<3>& interaction, Vec d, int samples) {
   Bsdf s;
   s.normal = interaction.normal;
   axes_of(s.normal, s.x, s.y);
@@ -60,6 +72,7 @@ EVS_INLINE Bsdf make_bsdf(const SurfaceInteraction<3>& interaction, Vec d) {
   // a narrower lobe is a mirror in single precision
   s.alpha = min(max(interaction.alpha_ggx, splat(0.002f)), splat(1.0f));
   s.mirror = min(max(interaction.reflectance, splat(0.0f)), splat(1.0f));
+  s.mirror_probability = even_probability(s.mirror, samples);
   // divide what the mirror leaves between the lobes
   Float specular = splat(0.0f), diffuse = splat(0.0f);
   Float rest = 1.0f - s.mirror;
@@ -104,7 +117,7 @@ EVS_INLINE BsdfValue evaluate_bsdf(const Bsdf& s, Vec d, Vec w) {
     v.f_cos[c] = select(above, s.specular[c] * specular + s.diffuse[c] * lambert, splat(0.0f));
   }
   Float mixture_pdf = s.specular_probability * vndf_pdf + (1.0f - s.specular_probability) * lambert;
-  v.pdf = select(above, (1.0f - s.mirror) * mixture_pdf, splat(0.0f));
+  v.pdf = select(above, (1.0f - s.mirror_probability) * mixture_pdf, splat(0.0f));
   return v;
 }
 
@@ -138,15 +151,15 @@ EVS_INLINE BsdfSample sample_bsdf(const Bsdf& s, Vec d, Point2 u_lobe, Point2 u_
   // transform it to the camera frame, or reflect it in the perfect mirror
   Vec w = s.x * local.x + s.y * local.y + s.normal * local.z;
   Vec image = d - s.normal * (dot(d, s.normal) * 2.0f);
-  out.specular = u_lobe.x < s.mirror;
+  out.specular = u_lobe.x < s.mirror_probability;
   out.direction = normalize(select(out.specular, image, w));
   // evaluate its pdf and weight
   BsdfValue v = evaluate_bsdf(s, d, out.direction);
   out.pdf = v.pdf;
-  // the mirror's probability is its share, so the two cancel
+  const Float mirror_weight = s.mirror / max(s.mirror_probability, splat(1e-20f));
   Float inverse = 1.0f / max(v.pdf, splat(1e-20f));
   for (int c = 0; c < 3; c++) {
-    out.weight[c] = select(out.specular, splat(1.0f), v.f_cos[c] * inverse);
+    out.weight[c] = select(out.specular, mirror_weight, v.f_cos[c] * inverse);
   }
   out.alive = out.specular | (v.pdf > 1e-12f);
   return out;

@@ -28,7 +28,7 @@ inline Bsdf probe_surface(const ProbeSurface& surface, Vec& d) {
   interaction.alpha_ggx = splat(surface.alpha);
   interaction.reflectance = splat(surface.mirror);
   d = splat(V3{-surface.eye[0], -surface.eye[1], -surface.eye[2]});
-  return make_bsdf(interaction, d);
+  return make_bsdf(interaction, d, 1);
 }
 
 inline void probe_store(ProbeLanes& out, Vec direction, const Float* light, Float pdf) {
