@@ -113,6 +113,7 @@ void sample_light(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> ge
           "arrays differ in length");
   Caster::KernelInputs p =
       kernel_inputs(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
+  require(!environment || p.paths.environment_probability > 0, "the environment is not sampled");
   by_lanes(n, [&](const size_t* at, size_t count) {
     float u[3 * PROBE_LANES];
     for (int k = 0; k < 3; k++) {

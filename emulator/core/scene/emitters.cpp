@@ -8,6 +8,9 @@ namespace {
 
 constexpr double PI = 3.14159265358979323846;
 constexpr double WEIGHTS[3] = {0.2126, 0.7152, 0.0722};  // BT.709
+// Skies whose brightest cell has less than this many times their mean are not sampled. At 4 it
+// costs as much time as it saves noise (docs/explanation/light.md).
+constexpr double PEAK = 4.0;
 
 // Area of a shape's front in m^2; 0: it cannot be sampled.
 double area_of(int shape, const float* size) {
@@ -150,7 +153,8 @@ bool Emitters::remove_emitters(Which which) {
   return true;
 }
 
-// Build the distribution of skybox and image lights together.
+// Build the distribution of skybox and image lights together, unless their light is so even that
+// rays that leave a surface find it as well.
 void Emitters::make_environment(const Appearance& appearance) {
   struct Source {
     const Texture* texture;
@@ -174,7 +178,7 @@ void Emitters::make_environment(const Appearance& appearance) {
   if (n == 0) return;
   size_t rows = 6 * static_cast<size_t>(n), count = rows * n;
   std::vector<double> weights(count);
-  double total = 0;
+  double total = 0, sphere = 0, brightest = 0;
   for (size_t i = 0; i < count; i++) {
     int face = static_cast<int>(i) / (n * n), row = static_cast<int>(i) / n % n;
     int column = static_cast<int>(i) % n;
@@ -187,10 +191,13 @@ void Emitters::make_environment(const Appearance& appearance) {
             WEIGHTS[c] * s.tint[c] * s.texture->texels[s.texture->at(c, s.level, face, y_at, x_at)];
       }
     }
-    weights[i] = light * std::pow(1 + x * x + y * y, -1.5);
+    double solid_angle = std::pow(1 + x * x + y * y, -1.5);
+    weights[i] = light * solid_angle;
     total += weights[i];
+    sphere += solid_angle;
+    brightest = std::max(brightest, light);
   }
-  if (!(total > 0) || !std::isfinite(total)) return;
+  if (!(total > 0) || !std::isfinite(total) || brightest * sphere < PEAK * total) return;
   // no cell has probability 0: its neighbours' light is interpolated into it
   double mean = total / static_cast<double>(count), sum = 0;
   for (double& w : weights) w += 0.1 * mean;

@@ -14,7 +14,7 @@ from evs.emulator.base.scene import CameraPose, Shape
 from reference.chi_square import p_of_counts, p_of_directions
 from reference.closed_forms import ggx_density
 from reference.our_light import path_caster
-from reference.path_stages import sky
+from reference.path_stages import sunset
 from reference.stage import EYE, Builder, Stage, matt, turned
 from reference.tessellation import ball, sheet
 
@@ -250,7 +250,7 @@ def test_the_density_of_a_lamp_in_closed_form(name: str) -> None:
 
 
 def test_the_sky_is_aimed_at_by_its_density() -> None:
-    shown = sky()
+    shown = sunset()
     made = Builder(textures=list(shown.scene.textures), skybox=shown.scene.skybox)
     # nothing is in the way, or nearly
     made.add(Shape.SPHERE, (1e-3,), (0, 0, -1e3), matt(0.5))

@@ -127,11 +127,27 @@ def _glow(direction: F64) -> F64:
     return np.stack([0.2 + 0.8 * glow, 0.3 + 0.2 * z + 0.4 * glow, 0.5 + 0.4 * z], -1)
 
 
+def _sunset(direction: F64) -> F64:
+    """A dark sky whose light comes from a glow on one side."""
+    x, y, z = np.moveaxis(direction, -1, 0)
+    glow = np.exp(12 * (0.6 * x - 0.6 * y + 0.53 * z - 1))
+    return np.stack([0.05 + 0.9 * glow, 0.05 + 0.7 * glow, 0.1 + 0.4 * glow], -1)
+
+
 def sky() -> Stage:
     """A skybox with a glow on one side, seen and lighting."""
     made = Builder()
     _things(made)
     made.textures = [skybox(_glow, 4)]
+    made.skybox = 0
+    return _look(made, (0.3, -3.0, 0.8), (0, 0, 0.5), 1, sky_radiance=radiance_of(made.textures[0]))
+
+
+def sunset() -> Stage:
+    """A skybox that is bright on one side alone, to which rays are sent."""
+    made = Builder()
+    _things(made)
+    made.textures = [skybox(_sunset, 8)]
     made.skybox = 0
     return _look(made, (0.3, -3.0, 0.8), (0, 0, 0.5), 1, sky_radiance=radiance_of(made.textures[0]))
 
@@ -270,6 +286,7 @@ PATH_STAGES = {
     "embers": embers,
     "dome": dome,
     "sky": sky,
+    "sunset": sunset,
     "mirror": mirror,
     "faint_mirror": faint_mirror,
     "glossy": glossy,
