@@ -248,8 +248,10 @@ _LARGEST_LOG = 256.0
 """The logarithm of no float32 is larger, of either sign, nor is any reference."""
 
 _NEVER = 2**62
-_LEAST_BUDGET = 2.0**-46
 """A time that does not come: kNever of core/sensor/shot_noise.h"""
+
+_LEAST_BUDGET = 2.0**-46
+"""Of photon noise: kLeastBudget of core/sensor/photon_noise.h"""
 
 _LOGS = ("reference", "last_log", "filtered", "followed")
 
