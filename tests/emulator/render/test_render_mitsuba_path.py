@@ -13,7 +13,7 @@ import pytest
 
 from reference.mitsuba_scene import mitsuba_scene, render
 from reference.our_light import path_batches
-from reference.path_stages import PATH_STAGES
+from reference.path_stages import PATH_STAGES, mitsuba_integrator
 from reference.pixelwise import assert_same_picture
 from reference.stage import Stage
 
@@ -24,9 +24,9 @@ SPP = {"glass": (256, 256), "room": (128, 128), "embers": (128, 256), "metals": 
 
 
 def theirs_of(name: str, stage: Stage) -> np.ndarray:
-    # light goes through what is transparent in Mitsuba's integrator for volumes only
-    integrator = "volpath" if name == "glass" else "path"
-    return render(mitsuba_scene(stage, integrator), BATCHES, SPP.get(name, (64, 64))[1])
+    return render(
+        mitsuba_scene(stage, mitsuba_integrator(name)), BATCHES, SPP.get(name, (64, 64))[1]
+    )
 
 
 @pytest.mark.parametrize("name", PATH_STAGES)

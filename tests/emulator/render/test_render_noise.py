@@ -12,7 +12,7 @@ import pytest
 
 from reference.mitsuba_scene import mitsuba_scene, render
 from reference.our_light import F64, path_batches
-from reference.path_stages import PATH_STAGES
+from reference.path_stages import PATH_STAGES, mitsuba_integrator
 
 pytestmark = [pytest.mark.slow, pytest.mark.statistical]
 
@@ -61,7 +61,7 @@ def noise(pictures: F64) -> float:
 @pytest.mark.parametrize("name", PATH_STAGES)
 def test_few_samples_leave_no_more_noise_than_measured(name: str) -> None:
     stage = PATH_STAGES[name]()
-    scene = mitsuba_scene(stage, "volpath" if name == "glass" else "path")
+    scene = mitsuba_scene(stage, mitsuba_integrator(name))
     theirs = [noise(render(scene, PICTURES, samples)) for samples in SAMPLES]
     mine = [noise(path_batches(stage, PICTURES, samples)) for samples in SAMPLES]
     cells = [f"{a:.2f} ({b:.2f})" for a, b in zip(mine, theirs, strict=True)]

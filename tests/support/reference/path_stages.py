@@ -134,22 +134,27 @@ def _sunset(direction: F64) -> F64:
     return np.stack([0.05 + 0.9 * glow, 0.05 + 0.7 * glow, 0.1 + 0.4 * glow], -1)
 
 
+def _under(
+    colour: Callable[[F64], F64], width: int, made: Builder, eye: Vector, at: Vector
+) -> Stage:
+    """Things under a skybox, with one bounce."""
+    made.textures = [skybox(colour, width)]
+    made.skybox = 0
+    return _look(made, eye, at, 1, sky_radiance=radiance_of(made.textures[0]))
+
+
 def sky() -> Stage:
     """A skybox with a glow on one side, seen and lighting."""
     made = Builder()
     _things(made)
-    made.textures = [skybox(_glow, 4)]
-    made.skybox = 0
-    return _look(made, (0.3, -3.0, 0.8), (0, 0, 0.5), 1, sky_radiance=radiance_of(made.textures[0]))
+    return _under(_glow, 4, made, (0.3, -3.0, 0.8), (0, 0, 0.5))
 
 
 def sunset() -> Stage:
     """A skybox that is bright on one side alone, to which rays are sent."""
     made = Builder()
     _things(made)
-    made.textures = [skybox(_sunset, 8)]
-    made.skybox = 0
-    return _look(made, (0.3, -3.0, 0.8), (0, 0, 0.5), 1, sky_radiance=radiance_of(made.textures[0]))
+    return _under(_sunset, 8, made, (0.3, -3.0, 0.8), (0, 0, 0.5))
 
 
 def mirror() -> Stage:
@@ -169,9 +174,7 @@ def faint_mirror() -> Stage:
     made.add(Shape.PLANE, (6, 6, 1), (0, 0, 0), matt(0.3, reflectance=0.2))
     made.add(Shape.SPHERE, (0.4,), (-0.5, 0, 0.45), matt(0.3))
     made.add(Shape.BOX, (0.3, 0.2, 0.3), (0.5, 0.2, 0.3), matt_rgb((0.2, 0.4, 0.8)))
-    made.textures = [skybox(_glow, 4)]
-    made.skybox = 0
-    return _look(made, (0.3, -3.0, 1.4), (0, 0, 0.3), 1, sky_radiance=radiance_of(made.textures[0]))
+    return _under(_glow, 4, made, (0.3, -3.0, 1.4), (0, 0, 0.3))
 
 
 def glossy() -> Stage:
@@ -296,6 +299,11 @@ PATH_STAGES = {
     "swell": swell,
     "glass": glass,
 }
+
+
+def mitsuba_integrator(name: str) -> str:
+    """Which of Mitsuba's lights a stage: through what is transparent, only that for volumes."""
+    return "volpath" if name == "glass" else "path"
 
 
 def skybox(colour: Callable[[F64], F64], width: int) -> Texture:
