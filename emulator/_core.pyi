@@ -28,7 +28,7 @@ class Optics:
 class Tracing:
     """How light is computed, and what is output."""
 
-    def __init__(self, *, samples: int = 1, adaptive: bool = False, shadows: bool = True, incremental: bool = False, rgb: bool = False, integrator: str = 'direct', bounces: int = 0, sample_set: str = 'owen', forced: Mapping[str, bool] = {}) -> None:
+    def __init__(self, *, samples: int = 1, adaptive: bool = False, shadows: bool = True, incremental: bool = False, rgb: bool = False, integrator: str = 'direct', bounces: int = 0, sample_set: str = 'owen', block: int = 0, blocks: int = 1, forced: Mapping[str, bool] = {}) -> None:
         """
         Args:
             samples: The number of samples per pixel.
@@ -39,9 +39,21 @@ class Tracing:
             integrator: direct or path.
             bounces: The largest number of bounces of a path.
             sample_set: The sampler of path: sobol, owen, global, random or anchored.
+            block, blocks: Which block of a point set the samples of path are, of how many.
             forced: Features by name that are forced on (the output keeps its bytes) or
                 off, for tests.
         """
+
+def combine_cycle(planes: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None), order='C', device='cpu', writable=False)], before: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], newest: int, light: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')]) -> None:
+    """
+    Combine the light of the sets of a cycle.
+
+    Args:
+        planes: (m, h, w) float32, the light of each set when it was traced last.
+        before: (h, w) float32, the light of the newest set one cycle ago.
+        newest: The set of this tick.
+        light: (h, w) float32, out: the mean; the middle of the cycle where light changes.
+    """
 
 def isa_available() -> list[str]:
     """
@@ -303,7 +315,7 @@ def light_of_numbers(numbers: Annotated[NDArray, dict(device='cpu', writable=Fal
         light: Out, (h, w) float32: red + green, + blue, rounded twice.
     """
 
-def probe_sampler(sampler: str, index: int, dimension: int, pixels: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], out: Annotated[NDArray[numpy.float32], dict(shape=(None, 2), order='C', device='cpu')], seed: int = 0, log2_samples: int = 6) -> None:
+def probe_sampler(sampler: str, index: int, dimension: int, pixels: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], out: Annotated[NDArray[numpy.float32], dict(shape=(None, 2), order='C', device='cpu')], seed: int = 0, log2_samples: int = 6, block: int = 0, log2_blocks: int = 0) -> None:
     """Sample one dimension for pixels (n,): points (n, 2). For tests."""
 
 def probe_bsdf_sample(albedo: float, f0: float, metallic: float, alpha: float, mirror: float, eye: Sequence[float], u: Annotated[NDArray[numpy.float32], dict(shape=(None, 4), order='C', device='cpu', writable=False)], direction: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu')], light: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu')], pdf: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu')], pdf_evaluated: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu')], specular: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu')], alive: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu')]) -> None:

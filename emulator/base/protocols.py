@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol, runtime_checkable
 
-from evs.emulator.base.scene import F32, CameraPose, GroundTruth, SceneSnapshot
+from evs.emulator.base.scene import F32, I32, CameraPose, GroundTruth, SceneSnapshot
 from evs.msgs import Events
 
 
@@ -43,6 +43,26 @@ class Renderer(Protocol):
         """What noise there is follows from `seed` from the next call on."""
 
     @property
+    def delay_ticks(self) -> float:
+        """By how many ticks moving light comes late; over 0, `render` has to see every tick."""
+
+    def restart(self) -> None:
+        """Forget earlier ticks: the next light is of its instant alone."""
+
+    def save(self) -> dict[str, Any]:
+        """Named arrays of earlier ticks, which `restoring` takes back."""
+
+    def restoring(self, saved: Mapping[str, Any]) -> Callable[[], None]:
+        """Check what `save` gave; the function that is returned puts it in place.
+
+        Raises:
+            EvsError: It is damaged.
+        """
+
+    def render_again(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
+        """After `restoring`: the light of the tick that was last, and its instant, as of render."""
+
+    @property
     def rgb(self) -> F32 | None:
         """(h, w, 3) float32 linear light of the last `render`; None: colour was not requested."""
 
@@ -67,6 +87,23 @@ class Renderer(Protocol):
     @property
     def features(self) -> Mapping[str, bool]:
         """Which code paths it runs, by the names of evs.emulator.base.features.FEATURES."""
+
+
+@runtime_checkable
+class TracingRenderer(Renderer, Protocol):
+    """A renderer that can trace single pixels."""
+
+    def trace(self, snapshot: SceneSnapshot, pose: CameraPose, pixels: I32) -> F32:
+        """Trace single pixels of one instant.
+
+        Args:
+            snapshot: The world at that instant.
+            pose: Where the camera is.
+            pixels: (n, 2) columns and rows inside the image.
+
+        Returns:
+            (n,) float32 linear luminance, that of `render` in the same ticks.
+        """
 
 
 class EventModel(Protocol):

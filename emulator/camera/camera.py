@@ -141,7 +141,7 @@ class Camera:
             frames=sensor.aps.enabled,
             imu=sensor.imu.enabled,
             triggers=sensor.aps.enabled,
-            latency_us=self._pixels.latency_us,
+            latency_us=self._latency_us(self._pixels),
         )
         self._forget()
 
@@ -214,14 +214,18 @@ class Camera:
                 self._info,
                 sensor=str(made.name),
                 config={**self._info.config, "sensor": completed(asdict(plan.sensor), made)},
-                latency_us=pixels.latency_us,
+                latency_us=self._latency_us(pixels),
             )
 
         return put
 
+    def _latency_us(self, pixels: Pixels) -> int:
+        return pixels.latency_us + round(self._renderer.delay_ticks * self._tick_us)
+
     def _forget(self) -> None:
         """Forget everything seen."""
         seed = self._plan.seed
+        self._renderer.restart()
         self._pixels.reset(seed)
         self._auxiliary.reset(seed)
         self._luminance: F32 | None = None
@@ -242,7 +246,7 @@ class Camera:
         """Named arrays of all that the next tick needs, which `restoring` takes back."""
         begun = [] if self._t_us is None else [self._t_us]
         return {
-            **joined(pixels=self._pixels.save()),
+            **joined(pixels=self._pixels.save(), light=self._renderer.save()),
             **self._auxiliary.save(),
             **numbers(seq=self._seq, seen=self._seen, events=self.events),
             **numbers(instants=(self._now is not None) + (self._previous is not None)),
@@ -265,6 +269,7 @@ class Camera:
         """
         pixels = self._pixels.restoring(part(saved, "pixels"), seed)
         auxiliary = self._auxiliary.restoring(saved)
+        light = self._renderer.restoring(part(saved, "light"))
         counts = [number(saved, name, 0) for name in ("seq", "seen", "events")]
         instants = number(saved, "instants", 0, 2)
         t_us = saved["t_us"].tolist()
@@ -280,8 +285,9 @@ class Camera:
             self._t_us = t_us[0] if t_us else None
             seen = [(one, one.cameras[self.place]) for one in needed if one is not None]
             self._now, self._previous = (*seen, None, None)[:2]
-            # the same light again: not saved, since it is found again
-            self._luminance = self._renderer.render(*self._now) if self._now else None
+            light()
+            # the light of the last instant is not saved, since it is found again
+            self._luminance = self._renderer.render_again(*self._now) if self._now else None
 
         return put
 

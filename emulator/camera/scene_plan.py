@@ -124,7 +124,11 @@ def _view(bound: BoundCamera, plan: CameraPlan) -> dict[str, Any]:
         "antialiasing": render.antialiasing,
         "model": plan.model.name,
     }
-    return view | ({"bounces": render.bounces} if RENDERERS[render.renderer].paths else {})
+    if RENDERERS[render.renderer].paths:
+        view["bounces"] = render.bounces
+    if render.seeds == "cycle":
+        view["cycle_ticks"] = render.cycle_ticks
+    return view
 
 
 @dataclass(frozen=True)

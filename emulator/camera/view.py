@@ -88,6 +88,7 @@ class View:
         """
         instant = self._instant()
         renderer = self._viewpoint.renderer
+        renderer.restart()
         luminance, colour = renderer.render(*instant), renderer.rgb
         return np.array(luminance), None if colour is None else np.array(colour)
 

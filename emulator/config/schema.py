@@ -115,7 +115,11 @@ class RenderConfig:
     all, the others one (`direct` only)"""
     seeds: str = "fixed"
     """fixed: a pixel takes the same samples every tick, so constant light gives no events |
-    fresh: new samples every tick, as in the paper (path only)"""
+    fresh: new samples every tick, as in the paper | cycle: a cycle of sets of samples, one per
+    tick; the light is the mean of the last cycle (fresh, cycle: path only)"""
+    cycle_ticks: int = 4
+    """cycle: ticks in a cycle, 2 ... 16; light has this many times the samples of a tick, and is
+    (cycle_ticks - 1) / 2 ticks late"""
     bounces: int = 2
     """path: the most bounces between surfaces: 0 ... 64"""
     sampler: str = "owen"
@@ -154,10 +158,16 @@ class RenderConfig:
         return row.default_spp if row else 1
 
     @property
+    def delay_ticks(self) -> float:
+        """By how many ticks moving light comes late: half of a cycle."""
+        return 0.5 * (self.cycle_ticks - 1) if self.seeds == "cycle" else 0.0
+
+    @property
     def noisy_samples(self) -> int:
-        """The same for light with noise; 0 where the renderer's light has none."""
+        """Samples in the light of a tick where it has noise; 0 where it has none."""
         row = RENDERERS.get(self.renderer)
-        return self.samples if row and row.paths else 0
+        ticks = self.cycle_ticks if self.seeds == "cycle" else 1
+        return ticks * self.samples if row and row.paths else 0
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,10 @@ from evs.emulator.config import RenderConfig
 from evs.emulator.optics import Lens, make_lens
 from evs.emulator.render.flicker import Flicker
 from evs.emulator.render.ground_truth import trace_hits, trace_truth
+from evs.emulator.render.instant_light import InstantLight
 
 
-class DirectRenderer:
+class DirectRenderer(InstantLight):
     """Every light once, hard shadows, one mirror bounce, fixed sub-pixel samples: no noise at all.
 
     With `config.incremental` and a still camera only packets of 4 x 4 pixels that a moved geom can
@@ -47,6 +48,7 @@ class DirectRenderer:
         rgb: bool = False,
         switches: Switches = UNFORCED,
         like: DirectRenderer | None = None,
+        point_set: tuple[int, int] = (0, 1),
     ) -> None:
         """Build the caster.
 
@@ -58,6 +60,7 @@ class DirectRenderer:
             rgb: Whether colour is wanted too; luminance keeps its bytes.
             switches: Code paths that are forced on or off.
             like: The same camera's renderer until now, whose unchanged parts are shared.
+            point_set: Which point set of a cycle the samples are, and of how many.
         """
         scene = scene if config.sites else scene.without_sites()
         self._scene, self._camera = scene, camera
@@ -80,9 +83,9 @@ class DirectRenderer:
         if self._own["vignetting"] and share is None:
             share = np.ones((camera.height, camera.width), np.float32)
         self._deforming, self._stretching = scene.deforming, scene.stretching
-        shape = camera.height, camera.width
-        self._luminance = np.zeros(shape, np.float32)
-        self._rgb = np.zeros((*shape, 3), np.float32) if rgb else None
+        self.shape = camera.height, camera.width
+        self._luminance = np.zeros(self.shape, np.float32)
+        self._rgb = np.zeros((*self.shape, 3), np.float32) if rgb else None
         before = (like._scene, like._caster) if like else None
         data, self.built = scene_data(scene, keep, config, self._own["sky"], before)
         self._caster = _core.Caster(
@@ -107,6 +110,8 @@ class DirectRenderer:
                 integrator=self.integrator,
                 bounces=config.bounces,
                 sample_set=config.sampler,
+                block=point_set[0],
+                blocks=point_set[1],
                 forced=_forced(scene, switches),
             ),
             threads=threads,

@@ -29,6 +29,7 @@ class PathRenderer(DirectRenderer):
         seed: int = 0,
         switches: Switches = UNFORCED,
         like: DirectRenderer | None = None,
+        point_set: int = 0,
     ) -> None:
         """Build the caster.
 
@@ -41,8 +42,11 @@ class PathRenderer(DirectRenderer):
             seed: What the noise follows from.
             switches: As of DirectRenderer.
             like: As of DirectRenderer.
+            point_set: Which one of the cycle's, where config.seeds is "cycle".
         """
-        super().__init__(scene, camera, config, threads, rgb, switches, like)
+        sets = config.cycle_ticks if config.seeds == "cycle" else 1
+        parts = (scene, camera, config, threads, rgb, switches, like)
+        super().__init__(*parts, point_set=(point_set, sets))
         self._seed, self._fresh = seed, config.seeds == "fresh"
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:

@@ -48,7 +48,7 @@ RENDERERS = {
         "evs.emulator.render.path:PathRenderer",
         default_spp=16,
         max_spp=4096,
-        seeds=("fixed", "fresh"),
+        seeds=("fixed", "fresh", "cycle"),
         options=("threads", "rgb", "seed", "switches", "like"),
         paths=True,
     ),

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from evs.emulator import _core
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.registry import load
 from evs.emulator.base.scene import CameraModel, SceneModel
 from evs.emulator.config import RenderConfig
+from evs.emulator.render.cycle import CycleRenderer
 from evs.emulator.render.direct import DirectRenderer
+from evs.emulator.render.path import PathRenderer
 from evs.emulator.render.registry import RENDERERS
 from evs.msgs import EvsError, unknown
 
 SAMPLERS = ("owen", "sobol", "global", "random", "anchored")
 MAX_BOUNCES = 64
+MAX_CYCLE_TICKS = 16
 MAX_THREADS = 1024
 
 
@@ -54,13 +59,15 @@ def make_renderer(
         raise EvsError(
             f"{config.renderer} gives no colour, only luminance: take render.renderer=direct"
         )
-    options = {
-        "threads": threads,
-        "rgb": rgb,
-        "seed": seed,
-        "switches": switches,
-        "like": like if isinstance(like, DirectRenderer) else None,
-    }
+    like = like.renderers[0] if isinstance(like, CycleRenderer) else like
+    before = like if isinstance(like, DirectRenderer) else None
+    if config.seeds == "cycle":
+        one = partial(PathRenderer, scene, camera, config, threads, rgb, seed, switches)
+        first = one(before)
+        # the others share its threads, meshes and images
+        rest = [one(first, point_set) for point_set in range(1, config.cycle_ticks)]
+        return CycleRenderer([first, *rest])
+    options = {"threads": threads, "rgb": rgb, "seed": seed, "switches": switches, "like": before}
     given = {name: options[name] for name in row.options}
     made: Renderer = load(row.target)(scene, camera, config, **given)
     return made
@@ -89,6 +96,10 @@ def _check_samples(config: RenderConfig) -> None:
         )
     if config.seeds not in row.seeds:
         raise unknown("render.seeds", config.seeds, list(row.seeds))
+    if not 2 <= config.cycle_ticks <= MAX_CYCLE_TICKS:
+        raise EvsError(
+            f"render.cycle_ticks is {config.cycle_ticks}; it must be 2 ... {MAX_CYCLE_TICKS}"
+        )
     if not 0 <= config.bounces <= MAX_BOUNCES:
         raise EvsError(f"render.bounces is {config.bounces}; it must be 0 ... {MAX_BOUNCES}")
     if config.sampler not in SAMPLERS:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from evs.emulator.base.protocols import TracingRenderer
 from evs.emulator.base.scene import F32
 from evs.emulator.config import RenderConfig
-from evs.emulator.render.direct import DirectRenderer
-from evs.emulator.render.path import PathRenderer
-from evs.emulator.render.selection import check_render
+from evs.emulator.render import make_renderer
 from evs.emulator.state.versions import versions
 from evs.tools.evaluation.clip import Clip
 from evs.tools.evaluation.digest import digest
@@ -33,33 +32,31 @@ class LightSpec:
     """direct | path"""
     spp: int
     seeds: str = "fixed"
-    """fixed | fresh"""
+    """fixed | fresh | cycle"""
     seed: int = SEED
     """of the noise"""
 
     @property
     def noisy_samples(self) -> int:
         """As RenderConfig.noisy_samples."""
-        return RenderConfig(renderer=self.renderer, spp=self.spp).noisy_samples
+        return self.render.noisy_samples
+
+    @property
+    def render(self) -> RenderConfig:
+        """The renderer's configuration, without what the scene decides."""
+        return RenderConfig(renderer=self.renderer, spp=self.spp, seeds=self.seeds)
 
 
-def renderer_of(clip: Clip, spec: LightSpec, threads: int) -> DirectRenderer:
+def renderer_of(clip: Clip, spec: LightSpec, threads: int) -> TracingRenderer:
     """The renderer of a clip.
 
     Raises:
         EvsError: no renderer has these settings.
     """
-    config = RenderConfig(
-        renderer=spec.renderer,
-        spp=spec.spp,
-        seeds=spec.seeds,
-        bounces=clip.bounces,
-        flicker=clip.flicker,
-    )
-    check_render(config)
-    if spec.renderer == "path":
-        return PathRenderer(clip.scene, clip.camera, config, threads, seed=spec.seed)
-    return DirectRenderer(clip.scene, clip.camera, config, threads)
+    config = replace(spec.render, bounces=clip.bounces, flicker=clip.flicker)
+    made = make_renderer(clip.scene, clip.camera, config, threads, seed=spec.seed)
+    assert isinstance(made, TracingRenderer)
+    return made
 
 
 def light_key(clip: Clip, fingerprint: str, spec: LightSpec, ticks: int) -> str:

@@ -25,7 +25,7 @@ from evs.tools.evaluation.models import RuntimeOptions
 from evs.tools.evaluation.table import ClipFacts, Evaluation
 
 SPP = (1, 4, 16, 64)
-SEEDS = ("fixed", "fresh")
+SEEDS = ("fixed", "fresh", "cycle")
 MAX_SPP = 4096
 K = 384
 """ticks that are measured, the last ones of a clip"""
@@ -222,6 +222,7 @@ def _judge(
         for tested in models_under_test:
             chosen = tested.at(spec.noisy_samples)
             out = models.run(chosen, light, warm)
+            out.events["t"] -= round(TICK_US * spec.render.delay_ticks)
             cells.append(
                 cell(spec, spec.renderer, tested.name, out.events, out.ms_per_tick, reference)
             )

@@ -57,10 +57,10 @@ def samples(base: PipelineConfig) -> Values:
 
 
 def seeds(base: PipelineConfig) -> Values:
-    """Samples the same every tick, or new ones; `direct` has no noise that could be fresh."""
+    """Samples the same every tick, new ones, or a cycle; `direct` has no noise."""
     if base.render.renderer != "path":
         return []
-    return [(name, {"render.seeds": name}) for name in ("fixed", "fresh")]
+    return [(name, {"render.seeds": name}) for name in ("fixed", "fresh", "cycle")]
 
 
 def model(base: PipelineConfig) -> Values:

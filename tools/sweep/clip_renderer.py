@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from evs.emulator.base.protocols import Renderer
+from evs.emulator.base.protocols import Renderer, TracingRenderer
 from evs.emulator.base.scene import F32
 from evs.emulator.config import RenderConfig
-from evs.emulator.render.direct import DirectRenderer
 from evs.emulator.render.selection import make_renderer
 from evs.emulator.state.versions import versions
 from evs.tools.evaluation.clip import Clip
@@ -62,7 +61,7 @@ class ClipRenderer:
         render = self.plain(render)
         chosen = tuple(indices)
         known = self._recent.get((render, seed))
-        if known is not None and set(chosen) <= known[0].keys():
+        if known is not None and render.seeds != "cycle" and set(chosen) <= known[0].keys():
             # light of an instant follows from it alone
             self.moved(render.samples * len(chosen))
             return known[1][[known[0][k] for k in chosen]]
@@ -102,7 +101,7 @@ class ClipRenderer:
 
     def _pixels(self, renderer: Renderer, k: int, step: int = 1) -> F32:
         pixels = self.clip.pixels[::step]
-        if isinstance(renderer, DirectRenderer):
+        if isinstance(renderer, TracingRenderer):
             return renderer.trace(*self.clip.instants[k], pixels)
         # others draw whole pictures only
         return np.asarray(renderer.render(*self.clip.instants[k])[pixels[:, 1], pixels[:, 0]])

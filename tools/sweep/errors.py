@@ -197,18 +197,23 @@ class ErrorMeter:
     ) -> Events:
         render, model, tick_us = config.render, config.model, config.scene.tick_us
         end_us = self.settings.end_us
+        delay_us = round(render.delay_ticks * tick_us)
         if model.name != "evsnet":
-            indices = instant_indices(tick_us, end_us)
+            indices = instant_indices(tick_us, end_us + delay_us)
             method = frame_method(point.value) if point.kind == FRAMES else None
-            return events_of(renderer.at(render, indices), times_of(indices), model, sensor, method)
-        late = network_model(model, render.noisy_samples).latency_ticks
-        light = renderer.at(render, instant_indices(tick_us, end_us + late * TICK_US))
-        warm = None
-        if render.seeds == "fresh":
-            before = dataclasses.replace(renderer.clip, tick_us=TICK_US).before(WARM)
-            earlier = ClipRenderer(before, self.cache, self.threads, self.moved)
-            warm = earlier.at(render, range(WARM))
-        return network_events(light, model, render.noisy_samples, warm)
+            light = renderer.at(render, indices)
+            events = events_of(light, times_of(indices), model, sensor, method)
+        else:
+            late_us = network_model(model, render.noisy_samples).latency_ticks * TICK_US
+            light = renderer.at(render, instant_indices(tick_us, end_us + late_us + delay_us))
+            warm = None
+            if render.seeds == "fresh":
+                before = dataclasses.replace(renderer.clip, tick_us=TICK_US).before(WARM)
+                earlier = ClipRenderer(before, self.cache, self.threads, self.moved)
+                warm = earlier.at(render, range(WARM))
+            events = network_events(light, model, render.noisy_samples, warm)
+        events["t"] -= delay_us
+        return events
 
     def _measure(self, events: Events, of: Events, clip: Clip, still: Mask) -> Measures:
         begin_us, end_us = self.settings.begin_us, self.settings.end_us

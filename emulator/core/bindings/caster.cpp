@@ -16,6 +16,7 @@
 
 #include "bound_caster.h"
 #include "gil.h"
+#include "seed_cycle.h"
 
 namespace nb = nanobind;
 
@@ -56,12 +57,13 @@ Optics* make_optics(int width, int height, double fx, double fy, double cx, doub
 
 Tracing* make_tracing(int samples, bool adaptive, bool shadows, bool incremental, bool rgb,
                       const std::string& integrator, int bounces, const std::string& sample_set,
-                      const FeatureFlags& forced) {
+                      int block, int blocks, const FeatureFlags& forced) {
   require(samples >= 1 && samples <= 4096, "samples: 1 ... 4096");
   require(integrator == "direct" || integrator == "path", "the integrator is direct or path");
   bool path = integrator == "path";
   require(!path || !adaptive, "paths take all samples in every pixel");
   require(bounces >= 0 && bounces <= 1000, "bounces: 0 ... 1000");
+  require(blocks >= 1 && blocks <= 64 && block >= 0 && block < blocks, "blocks: 1 ... 64");
   return new Tracing{samples,
                      adaptive,
                      shadows,
@@ -70,6 +72,8 @@ Tracing* make_tracing(int samples, bool adaptive, bool shadows, bool incremental
                      path,
                      bounces,
                      sample_set_of(sample_set),
+                     block,
+                     blocks,
                      ForcedFeatures(forced)};
 }
 
@@ -293,6 +297,19 @@ void trace_pixels(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> ge
   b.caster.trace_pixels(poses, x.data(), y.data(), static_cast<int>(count), luminance.data());
 }
 
+void cycle_light(In<float, N, N, N> planes, In<float, N, N> before, int newest,
+                 Out<float, N, N> light) {
+  size_t sets = planes.shape(0), height = planes.shape(1), width = planes.shape(2);
+  require(sets >= 2 && sets <= 64, "a cycle has 2 ... 64 sets");
+  require(newest >= 0 && newest < static_cast<int>(sets), "the newest set is one of them");
+  require(before.shape(0) == height && before.shape(1) == width && light.shape(0) == height &&
+              light.shape(1) == width,
+          "arrays differ in size");
+  GilRelease release;
+  combine_cycle(planes.data(), before.data(), static_cast<int>(sets), newest, height * width,
+                light.data());
+}
+
 std::map<std::string, long> work_of(const BoundCaster& b) {
   const WorkCounters& w = b.caster.work();
   return {{"ticks", w.ticks},
@@ -325,7 +342,8 @@ void bind_caster(nb::module_& m) {
       .def(nb::new_(&make_tracing), nb::kw_only(), nb::arg("samples") = 1,
            nb::arg("adaptive") = false, nb::arg("shadows") = true, nb::arg("incremental") = false,
            nb::arg("rgb") = false, nb::arg("integrator") = "direct", nb::arg("bounces") = 0,
-           nb::arg("sample_set") = "owen", nb::arg("forced") = FeatureFlags{},
+           nb::arg("sample_set") = "owen", nb::arg("block") = 0, nb::arg("blocks") = 1,
+           nb::arg("forced") = FeatureFlags{},
            "Args:\n"
            "    samples: The number of samples per pixel.\n"
            "    adaptive: Take all samples only where neighbours differ, and one elsewhere.\n"
@@ -335,8 +353,19 @@ void bind_caster(nb::module_& m) {
            "    integrator: direct or path.\n"
            "    bounces: The largest number of bounces of a path.\n"
            "    sample_set: The sampler of path: sobol, owen, global, random or anchored.\n"
+           "    block, blocks: Which block of a point set the samples of path are, of how many.\n"
            "    forced: Features by name that are forced on (the output keeps its bytes) or\n"
            "        off, for tests.");
+
+  m.def("combine_cycle", &cycle_light, nb::arg("planes"), nb::arg("before"), nb::arg("newest"),
+        nb::arg("light"),
+        "Combine the light of the sets of a cycle.\n"
+        "\n"
+        "Args:\n"
+        "    planes: (m, h, w) float32, the light of each set when it was traced last.\n"
+        "    before: (h, w) float32, the light of the newest set one cycle ago.\n"
+        "    newest: The set of this tick.\n"
+        "    light: (h, w) float32, out: the mean; the middle of the cycle where light changes.");
 
   m.def("isa_available", &isa_available,
         "Return the instruction sets that this build and this machine support, fastest\n"

@@ -26,15 +26,17 @@ void by_lanes(size_t count, F&& f) {
 }
 
 void sampler_points(const std::string& sampler, int index, int dimension, In<int32_t, N> pixels,
-                    Out<float, N, 2> out, int seed, int log2_samples) {
+                    Out<float, N, 2> out, int seed, int log2_samples, int block, int log2_blocks) {
   require(out.shape(0) == pixels.shape(0), "one point for each pixel");
-  require(log2_samples >= 0 && log2_samples <= 30, "0 to 30 digits");
+  require(log2_samples >= 0 && log2_blocks >= 0 && log2_samples + log2_blocks <= 30,
+          "0 to 30 digits");
   int mode = sample_set_of(sampler);
   by_lanes(pixels.shape(0), [&](const size_t* at, size_t count) {
     int pixel[PROBE_LANES];
     float x[PROBE_LANES], y[PROBE_LANES];
     for (int i = 0; i < PROBE_LANES; i++) pixel[i] = pixels.data()[at[i]];
-    kernel_of("auto")->probe_sampler(mode, seed, log2_samples, index, dimension, pixel, x, y);
+    kernel_of("auto")->probe_sampler(mode, seed, log2_samples, block, log2_blocks, index, dimension,
+                                     pixel, x, y);
     for (size_t i = 0; i < count; i++) {
       out.data()[2 * at[i]] = x[i];
       out.data()[2 * at[i] + 1] = y[i];
@@ -154,7 +156,7 @@ void light_pdf(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_
 void bind_probe(nb::module_& m) {
   m.def("probe_sampler", &sampler_points, nb::arg("sampler"), nb::arg("index"),
         nb::arg("dimension"), nb::arg("pixels"), nb::arg("out"), nb::arg("seed") = 0,
-        nb::arg("log2_samples") = 6,
+        nb::arg("log2_samples") = 6, nb::arg("block") = 0, nb::arg("log2_blocks") = 0,
         "Sample one dimension for pixels (n,): points (n, 2). For tests.");
   m.def("probe_bsdf_sample", &sample_bsdf, nb::arg("albedo"), nb::arg("f0"), nb::arg("metallic"),
         nb::arg("alpha"), nb::arg("mirror"), nb::arg("eye"), nb::arg("u"), nb::arg("direction"),

@@ -129,6 +129,8 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
     paths_.bounces = tracing.bounces;
     paths_.sample_set = tracing.sample_set;
     while ((1 << paths_.log2_samples) < tracing.samples) paths_.log2_samples++;
+    paths_.block = tracing.block;
+    while ((1 << paths_.log2_blocks) < tracing.blocks) paths_.log2_blocks++;
     set_paths();
     batches_ = std::make_unique_for_overwrite<PathBatch[]>(pool_->threads());
     if (incremental_)
@@ -142,6 +144,8 @@ void Caster::set_paths() {
   f.bounces = paths_.bounces;
   f.sample_set = paths_.sample_set;
   f.log2_samples = paths_.log2_samples;
+  f.block = paths_.block;
+  f.log2_blocks = paths_.log2_blocks;
   f.emissive = forced_.decide(EMISSIVE, f.emissive);
   f.transparent = forced_.decide(TRANSPARENT, f.transparent);
   paths_ = f;

@@ -36,6 +36,7 @@ struct Tracing {
   bool path = false;         // else: direct
   int bounces = 0;           // of paths
   SampleSet sample_set = SAMPLES_OWEN;
+  int block = 0, blocks = 1;   // the samples of paths are a block of a point set with so many
   ForcedFeatures forced = {};  // features forced on or off, whatever the scene needs
 };
 

@@ -110,6 +110,8 @@ struct PathFrame {
   int sample_set;
   int seed;          // of this tick
   int log2_samples;  // at most 2^log2_samples samples
+  int block;         // of the point set that these samples are
+  int log2_blocks;   // the point set has at most 2^log2_blocks blocks
   bool transparent;
   bool emissive;                  // a geom emits light
   bool has_environment;           // rays that miss may see light

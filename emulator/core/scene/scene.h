@@ -317,8 +317,8 @@ struct Kernel {
   long (*update_cached_paths)(const Frame&, const PathFrame&, PathBatch&, const PathCacheView&,
                               int begin, int end, const Outputs&);
   // For tests, the path integrator's samplers, 16 draws at once: see probe.inl.
-  void (*probe_sampler)(int mode, int seed, int log2_samples, int index, int dimension,
-                        const int* pixel, float* x, float* y);
+  void (*probe_sampler)(int mode, int seed, int log2_samples, int block, int log2_blocks, int index,
+                        int dimension, const int* pixel, float* x, float* y);
   void (*probe_bsdf_sample)(const ProbeSurface&, const float* numbers, ProbeLanes&);
   void (*probe_bsdf)(const ProbeSurface&, ProbeLanes&);
   void (*probe_light_sample)(const Frame&, const PathFrame&, const float* point, bool environment,

@@ -20,6 +20,7 @@ from evs.emulator.base.scene import (
 from evs.emulator.config import RenderConfig
 from evs.emulator.optics import check_distortion, is_distorted, make_lens
 from evs.emulator.render.direct import DirectRenderer
+from evs.emulator.render.instant_light import InstantLight
 from evs.emulator.render.raster.canvas import Canvas
 from evs.emulator.render.raster.context import load_library
 from evs.emulator.render.raster.drawing import (
@@ -38,7 +39,7 @@ from evs.emulator.render.raster.tessellate import TriangleMesh, stretched
 from evs.msgs import EvsError
 
 
-class RasterRenderer:
+class RasterRenderer(InstantLight):
     """Light as `direct` has it, by OpenGL: no shadows, no mirrors.
 
     Each renderer has a context of its own, given back by `close`, or when nobody holds it any more.

@@ -105,8 +105,9 @@ def test_packets_light_and_truth_are_those_of_one_tick_after_the_other(arm, dept
         {"model": ModelConfig(name="evsnet", chunk=8), "render": NOISY},
         {"model": ModelConfig(labels=True)},
         {"render": RenderConfig(incremental=False, spp=1), "cameras": ("top",)},
+        {"render": RenderConfig(renderer="path", spp=1, seeds="cycle")},
     ],
-    ids=["chunks", "labels", "one camera"],
+    ids=["chunks", "labels", "one camera", "cycle"],
 )
 def test_so_they_are_with_chunks_and_labels(arm, options):
     assert run(arm, 2, **options) == run(arm, 0, **options)

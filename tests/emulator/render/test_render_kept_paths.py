@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -52,6 +54,7 @@ def shares(
     spp: int = 0,
     lamps: bool = False,
     flicker: tuple[object, ...] = (),
+    point_sets: str = "fixed",
     **stage: object,
 ) -> list[float]:
     """Return the traced shares of all ticks but the first.
@@ -69,6 +72,8 @@ def shares(
             "bounces": seed % 5,
             "sampler": ("owen", "sobol", "global", "random", "anchored")[seed % 5],
             "flicker": flicker,
+            "seeds": point_sets,
+            "cycle_ticks": 2 + seed % 4,
         }
         full = scene.renderer(threads=2, incremental=False, **render)
         kept = [scene.renderer(threads=1 + seed % 3, **render), scene.renderer(isa=isa, **render)]
@@ -118,6 +123,17 @@ def test_of_lamps_that_flicker_their_own_light_alone_is_traced() -> None:
 def test_lamps_move_where_there_is_no_geom() -> None:
     assert len(RandomStage(8106, rich=True, size=SIZE).geom_pos) == 0
     shares(range(8106, 8107), 4, lamps=True, rich=True, size=SIZE)
+
+
+def test_each_point_set_of_a_cycle_keeps_its_paths() -> None:
+    found = shares(range(20, 26), 24, point_sets="cycle", size=SIZE)
+    assert 0.0 < np.mean(found) < 0.8, np.mean(found)
+    assert min(found) < 0.1
+
+
+@pytest.mark.parametrize("more", [{"lamps": True}, {"flicker": (PULSE,)}])
+def test_point_sets_of_a_cycle_under_lamps_that_change(more: dict[str, Any]) -> None:
+    shares(range(40, 44), 24, point_sets="cycle", rich=True, size=SIZE, **more)
 
 
 def test_blocks_of_samples_under_lamps_that_move() -> None:

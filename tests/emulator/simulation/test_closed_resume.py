@@ -93,8 +93,9 @@ RENDERS = st.builds(
     spp=st.sampled_from([1, 3]),
     antialiasing=st.sampled_from(["fixed", "adaptive"]),
     flicker=st.sampled_from([(), (FlickerConfig(hz=60.0),)]),
-).map(lambda render: replace(render, seeds="fresh" if render.spp == 1 and
-                             render.renderer == "path" else "fixed"))  # fmt: skip
+    seeds=st.sampled_from(["fixed", "fresh", "cycle"]),
+    cycle_ticks=st.sampled_from([2, 3, 4]),
+).map(lambda render: render if render.renderer == "path" else replace(render, seeds="fixed"))
 MODELS = st.sampled_from([
     ModelConfig(), ModelConfig(labels=True), ModelConfig(name="adaptive"),
     ModelConfig(name="evsnet"), ModelConfig(name="evsnet", initial_state="zero"),

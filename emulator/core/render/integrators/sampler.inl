@@ -1,5 +1,7 @@
 // Samplers of the `path` integrator. Each dimension is a point set of its own, filled evenly by the
-// first 2^n samples. Stateless: a function of (pixel, seed, dimension, sample).
+// first 2^n samples. A cycle of seeds divides a larger set into blocks of 2^n samples, one per
+// tick: each block is as even as a set of its own, and so are all of them together. Stateless: a
+// function of (pixel, seed, block, dimension, sample).
 //
 //  sobol    Sobol points, shifted at random for each pixel (Cranley & Patterson 1976)
 //  owen     Sobol points, scrambled for each pixel (Owen 1995, with the hash of Laine & Karras
@@ -21,7 +23,8 @@ struct Sampler {
   Int reversed_index;  // the sample's index, bit-reversed
   int mode;            // enum SampleSet
   int seed;            // of the whole image
-  int log2_samples;    // at most 2^log2_samples samples are drawn
+  int log2_samples;    // at most 2^log2_samples samples are drawn in a block
+  int block, log2_blocks;
 };
 
 template <int N>
@@ -106,18 +109,26 @@ EVS_INLINE Point2 sample_2d(const Sampler& s, int dimension) {
       hash(static_cast<unsigned>(s.seed) * 0x9e3779b9u + static_cast<unsigned>(dimension));
   Int key = hash(seed_pixel ^ splat(static_cast<int>(mixed)));
   if (s.mode == SAMPLES_RANDOM) {
-    Int a = hash(key + hash(reverse_bits(s.reversed_index) + splat(1)));
+    const int before = s.block << s.log2_samples;
+    Int a = hash(key + hash(reverse_bits(s.reversed_index) + splat(before + 1)));
     return {to_unit_float(a), to_unit_float(hash(a ^ splat(0x68bc21eb)))};
   }
   // shuffle the order of the points, so that dimensions pair differently
   Int order = s.mode == SAMPLES_SOBOL ? splat(static_cast<int>(hash(mixed)))
                                       : hash(key ^ splat(0x2c1b3c6d));
-  Int index =
-      reverse_bits(scramble_reversed(s.reversed_index, order)) & splat((1 << s.log2_samples) - 1);
+  // differently in each block
+  Int order_in_block =
+      order + splat(static_cast<int>(static_cast<unsigned>(s.block) * 0x9e3779b9u));
+  Int index = reverse_bits(scramble_reversed(s.reversed_index, order_in_block)) &
+              splat((1 << s.log2_samples) - 1);
+  if (s.log2_blocks > 0) {
+    Int block = splat(s.block) ^ (hash(order) & splat((1 << s.log2_blocks) - 1));
+    index = index | (block * splat(1 << s.log2_samples));
+  }
   // the direction numbers of the second dimension are Pascal's triangle modulo 2
   Int second = splat(0);
   unsigned direction = 0x80000000u;
-  for (int i = 0; i < s.log2_samples; i++) {
+  for (int i = 0; i < s.log2_samples + s.log2_blocks; i++) {
     Mask set = (index & splat(1 << i)) == splat(1 << i);
     second = select(set, second ^ splat(static_cast<int>(direction)), second);
     direction ^= direction >> 1;

@@ -65,7 +65,8 @@ inline Int dequeue(const Wavefront& front, const PathFrame& p, int at, PathState
   path.path_length = get();
   path.pdf = get();
   path.specular_bounce = get() > 0.0f;
-  path.sampler = {get_int(), splat(0), p.sample_set, p.seed, p.log2_samples};
+  path.sampler = {get_int(),      splat(0), p.sample_set, p.seed,
+                  p.log2_samples, p.block,  p.log2_blocks};
   path.sampler.reversed_index = get_int();
   return get_int();
 }
@@ -73,8 +74,13 @@ inline Int dequeue(const Wavefront& front, const PathFrame& p, int at, PathState
 // Start paths through the pixels. Out: the directions of the camera rays.
 inline Vec generate_camera_rays(const Frame& f, const PathFrame& p, Int column, Int row, Int index,
                                 Mask active, PathState& path) {
-  path.sampler = {row * splat(f.width) + column, reverse_bits(index), p.sample_set, p.seed,
-                  p.log2_samples};
+  path.sampler = {row * splat(f.width) + column,
+                  reverse_bits(index),
+                  p.sample_set,
+                  p.seed,
+                  p.log2_samples,
+                  p.block,
+                  p.log2_blocks};
   Point2 in_pixel = sample_2d(path.sampler, DIM_PIXEL);
   path.rays = rays_through(f, to_float(column) + in_pixel.x, to_float(row) + in_pixel.y);
   for (Float& share : path.throughput) share = splat(1.0f);

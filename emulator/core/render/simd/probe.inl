@@ -9,9 +9,10 @@ namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Sample one dimension for 16 pixels. Out: x, y (16).
-void probe_sampler(int mode, int seed, int log2_samples, int index, int dimension, const int* pixel,
-                   float* x, float* y) {
-  Sampler sampler = {load(pixel), reverse_bits(splat(index)), mode, seed, log2_samples};
+void probe_sampler(int mode, int seed, int log2_samples, int block, int log2_blocks, int index,
+                   int dimension, const int* pixel, float* x, float* y) {
+  Sampler sampler = {load(pixel), reverse_bits(splat(index)), mode, seed, log2_samples, block,
+                     log2_blocks};
   Point2 pair = sample_2d(sampler, dimension);
   store(x, pair.x);
   store(y, pair.y);

@@ -1,0 +1,39 @@
+"""InstantLight: what renderers share whose light follows from its instant alone."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from evs.emulator.base.scene import F32, CameraPose, SceneSnapshot
+
+
+class InstantLight(ABC):
+    """Earlier ticks leave nothing in the light, so there is nothing to forget or to save."""
+
+    @abstractmethod
+    def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
+        """As of Renderer."""
+
+    @property
+    def delay_ticks(self) -> float:
+        """By how many ticks moving light comes late: none."""
+        return 0.0
+
+    def restart(self) -> None:
+        """Forget earlier ticks."""
+        return
+
+    def render_again(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
+        """Render the instant that was rendered last, after `restoring`."""
+        return self.render(snapshot, pose)
+
+    def save(self) -> dict[str, Any]:
+        """Named arrays of earlier ticks: none."""
+        return {}
+
+    def restoring(self, saved: Mapping[str, Any]) -> Callable[[], None]:
+        """Take back what `save` gave."""
+        del saved
+        return lambda: None
