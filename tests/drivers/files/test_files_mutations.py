@@ -47,8 +47,8 @@ KINDS = [
     ("packed.aedat3", "none"),
 ]
 QUICK = 120
-LONG = 15_000
-"""Of each kind: 1e5 in all."""
+LONG = 6_000
+"""Of each kind."""
 
 
 def davis() -> bytes:
