@@ -25,7 +25,7 @@ picture show everything in the file. docs/explanation/sweep.md explains them."""
 LISTS = {
     "preset": "presets (fast, balanced, accurate, reference) or pipeline files, by commas",
     "axis": (
-        "axes to vary around every preset: renderer, samples, seeds, model, network, chunk, "
+        "axes to vary around every preset: renderer, samples, seeds, cycle, model, network, chunk, "
         "tick, resolution, precision, threads, ahead, incremental, frames, paper; if not given, a "
         "selection for each preset"
     ),

@@ -20,6 +20,7 @@ PATH_SPP = 2048
 DIRECT_SPP = (1, 2, 4, 8, 16)
 TICKS_US = (250, 500, 1000, 2000, 4000, 10000)
 SIZES = ((173, 130), (346, 260), (640, 480))
+CYCLES = (2, 4, 8)
 CHUNKS = (1, 8, 32)
 THREADS = (1, 2, 4)
 FPS = (60, 100, 250, 500, 1000)
@@ -57,10 +58,20 @@ def samples(base: PipelineConfig) -> Values:
 
 
 def seeds(base: PipelineConfig) -> Values:
-    """Samples the same every tick, new ones, or a cycle; `direct` has no noise."""
+    """Samples the same every tick, or new ones; `direct` has no noise that could be fresh."""
     if base.render.renderer != "path":
         return []
-    return [(name, {"render.seeds": name}) for name in ("fixed", "fresh", "cycle")]
+    return [(name, {"render.seeds": name}) for name in ("fixed", "fresh")]
+
+
+def cycle(base: PipelineConfig) -> Values:
+    """A cycle of point sets of several lengths, each tick with the samples of the preset."""
+    if base.render.renderer != "path":
+        return []
+    return [
+        (f"cycle of {ticks}", {"render.seeds": "cycle", "render.cycle_ticks": ticks})
+        for ticks in CYCLES
+    ]
 
 
 def model(base: PipelineConfig) -> Values:
@@ -195,6 +206,7 @@ AXES: dict[str, Callable[[PipelineConfig], Values]] = {
     "renderer": renderer,
     "samples": samples,
     "seeds": seeds,
+    "cycle": cycle,
     "model": model,
     "network": network,
     "chunk": chunk,
@@ -215,16 +227,16 @@ KINDS = {"frames": FRAMES, "paper": PAPER}
 DEFAULT: dict[str, tuple[str, ...]] = {
     "fast": ("renderer", "samples", "model", "tick", "resolution", "threads", "ahead",
              "incremental"),
-    "balanced": ("samples", "seeds", "model", "network", "chunk", "tick", "precision",
+    "balanced": ("samples", "seeds", "cycle", "model", "network", "chunk", "tick", "precision",
                  "incremental"),
-    "accurate": ("samples", "seeds", "model", "frames", "paper"),
+    "accurate": ("samples", "seeds", "cycle", "model", "frames", "paper"),
     "reference": ("samples",),
 }  # fmt: skip
 """preset -> default axes of a sweep, each around the preset where it shows most for its time"""
 
 QUICK: dict[str, tuple[str, ...]] = {
     "fast": ("samples", "tick"),
-    "balanced": ("seeds",),
+    "balanced": ("seeds", "cycle"),
 }
 """The same of `--quick`."""
 

@@ -27,7 +27,7 @@ SLACK = 0.95
 
 KEYS = (
     *("render.renderer", "render.spp", "render.antialiasing", "render.seeds", "render.bounces"),
-    *("render.sampler", "model.name", "model.network", "model.chunk"),
+    *("render.cycle_ticks", "render.sampler", "model.name", "model.network", "model.chunk"),
 )
 """keys that a preset may set"""
 
