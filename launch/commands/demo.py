@@ -29,10 +29,8 @@ MAX_SECONDS = 20.0
 FAST = (
     ("render.renderer", "direct"),
     ("render.seeds", "fixed"),
-    ("model.name", "plain"),
-    ("model.chunk", "1"),
 )
-"""what --fast sets: hard light without noise, and the event pixel itself in place of the network"""
+"""what --fast sets: hard light without noise"""
 
 WINDOW_US = 4000
 """duration of the events in the pictures, short for thin edges"""
@@ -54,7 +52,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fast",
         action="store_true",
-        help="direct light and plain pixels: no path tracing, no network",
+        help="direct light, without soft shadows or bounces",
     )
 
 

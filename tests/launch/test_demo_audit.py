@@ -17,6 +17,7 @@ from evs.launch.commands import demo
 from evs.launch.main import main
 from evs.launch.support import reinvoke
 from evs.tools.doctor.audit import audit, audited
+from evs.tools.sweep.points import preset_of
 
 GOOD = Report(
     packets=20,
@@ -185,11 +186,11 @@ def test_fast_gives_way_to_what_is_said() -> None:
     assert config.duration_s == 2.0
 
 
-def test_the_demo_is_the_papers_pipeline() -> None:
+def test_the_demo_has_the_light_and_pixels_of_balanced() -> None:
     given = argparse.Namespace(words=[], duration=None, fast=False)
     config = demo._config(given, Path("events.aedat4"))
-    assert (config.render.renderer, config.render.samples) == ("path", 4)
-    assert (config.model.name, config.model.network) == ("evsnet", "evsnet_c8")
+    balanced = preset_of("balanced")
+    assert (config.render, config.model) == (balanced.render, balanced.model)
 
 
 def test_next_commands_quote_what_a_shell_would_split() -> None:

@@ -67,7 +67,7 @@ def test_command_json_and_picture(
     assert set(told) == {"command", "settings", "versions", "left_out", "check", "takes", "rows",
                          "verdict", "winners", "cells"}  # fmt: skip
     assert told["check"] is None
-    # two cameras; half the reference, nothing; two models on 1, 2 spp fixed, fresh, cycle, and direct
+    # two cameras; half the reference, nothing; two models on direct and 3 times 1, 2 spp
     assert len(told["cells"]) == len(told["rows"]) == 2 * (2 + 2 * 7)
     assert {clip["camera"] for clip in told["takes"]} == {"still", "pan"}
     assert told["settings"]["reference_spp"] == 4
