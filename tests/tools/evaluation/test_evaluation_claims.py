@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from evs.tools.evaluation.aggregate import ResultCell
-from evs.tools.evaluation.claims import Claim, check_claims, winners
+from evs.tools.evaluation.claims import NOTHING, Claim, check_claims, winners
 from reference.judged import cell
 
 C8 = "evsnet_c8"
@@ -19,21 +19,29 @@ def claim(cells: list[ResultCell], *words: str) -> Claim:
 
 
 @pytest.mark.parametrize(
-    ("spp", "plain", "ours", "met"),
-    [(4, 5.0, 1.0, True), (4, 4.99, 1.0, False), (16, 5.0, 1.0, True), (16, 4.9, 1.0, False),
-     (64, 3.0, 1.0, True), (64, 2.9, 1.0, False)],
+    ("spp", "plain", "ours", "silence", "met"),
+    [(4, 5.0, 1.0, 1.1, True), (4, 4.99, 1.0, 2.0, False), (16, 5.0, 1.0, 2.0, True),
+     (16, 4.9, 1.0, 2.0, False), (64, 3.0, 1.0, 2.0, True), (64, 2.9, 1.0, 2.0, False),
+     # far below plain, and no better than no event at all
+     (4, 9.5, 1.0, 1.0, False)],
 )  # fmt: skip
-def test_emd_below_plain(spp: int, plain: float, ours: float, met: bool) -> None:
+def test_emd_below_plain_and_below_silence(
+    spp: int, plain: float, ours: float, silence: float, met: bool
+) -> None:
     cells = [
         cell("plain", spp, emd=plain),
         cell(C8, spp, emd=ours),
         # other samples and other seeds do not count
         cell(C8, spp, "fixed", emd=100.0),
         cell("plain", 2 * spp, emd=100.0),
+        cell(NOTHING, 0, "fixed", light="none", emd=silence),
     ]
     found = claim(cells, "EMD at least", f"fresh {spp} spp")
     assert found.met is met
-    assert found.figures == f"{plain:.2f}x: plain {plain:.3g}, {C8} {ours:.3g}"
+    assert found.figures == (
+        f"{plain:.2f}x: plain {plain:.3g}, silence {silence:.3g}, {C8} {ours:.3g}"
+    )
+    assert claim(cells[:-1], "EMD at least", f"fresh {spp} spp").met is None
 
 
 def test_scenes_and_cameras_count_together() -> None:
@@ -42,10 +50,15 @@ def test_scenes_and_cameras_count_together() -> None:
         cell(C8, emd=1.0, camera="still"),
         cell("plain", emd=6.0, camera="pan"),
         cell(C8, emd=2.0, camera="pan"),
+        cell(NOTHING, 0, "fixed", light="none", emd=1.5, camera="still"),
+        cell(NOTHING, 0, "fixed", light="none", emd=2.5, camera="pan"),
     ]
     found = claim(cells, "EMD at least", "fresh 4 spp")
     assert found.met
-    assert found.figures.endswith("(still 9.00x, pan 3.00x)")
+    assert found.figures == (
+        "5.00x: plain 7.5, silence 2, evsnet_c8 1.5 (still 9.00x: plain 9, silence 1.5, "
+        "evsnet_c8 1, pan 3.00x: plain 6, silence 2.5, evsnet_c8 2)"
+    )
 
 
 @pytest.mark.parametrize(
