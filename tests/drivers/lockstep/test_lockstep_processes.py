@@ -101,12 +101,12 @@ def driven(loop: Any, seconds: float) -> tuple[str, int, Observation]:
     return controller.digest.hexdigest(), controller.events, seen
 
 
-def in_process() -> evs.Loop:
+def in_process(render: evs.RenderConfig) -> evs.Loop:
     return evs.Loop(
         str(SCENE),
         cameras=CAMERAS,
         sensor=SensorConfig("davis346", width=WIDTH, height=HEIGHT),
-        render=evs.RenderConfig(spp=1),
+        render=render,
         seed=5,
         threads=1,
         max_s=30.0,
@@ -116,15 +116,22 @@ def in_process() -> evs.Loop:
     )
 
 
+HARD = evs.RenderConfig(spp=1)
+CYCLE = evs.RenderConfig(renderer="path", spp=1, seeds="cycle")
+
+
 @pytest.mark.parametrize(
-    "seconds", [0.5, pytest.param(30.0, marks=pytest.mark.slow)], ids=["short", "30 s"]
+    ("seconds", "render"),
+    [(0.5, HARD), (0.2, CYCLE), pytest.param(30.0, HARD, marks=pytest.mark.slow)],
+    ids=["short", "cycle", "30 s"],
 )
 def test_over_zeromq_the_loop_gives_the_bytes_that_it_gives_in_process(
-    tmp_path: Path, seconds: float
+    tmp_path: Path, seconds: float, render: evs.RenderConfig
 ) -> None:
-    mine, events, last = driven(in_process(), seconds)
+    mine, events, last = driven(in_process(render), seconds)
     assert events > 100 * seconds
-    with served(tmp_path) as (address, process):
+    words = [f"render.{key}={getattr(render, key)}" for key in ("renderer", "seeds")]
+    with served(tmp_path, *words) as (address, process):
         with evs.connect(address) as loop:
             for _ in range(2 if seconds < 1 else 1):
                 theirs, count, end = driven(loop, seconds)
@@ -162,7 +169,7 @@ def test_saved_over_the_wire_it_goes_on_here_and_there_with_the_same_bytes(tmp_p
         loop.close()
         ended(process)
     assert len(small) < len(blob)
-    mine = in_process()
+    mine = in_process(HARD)
     assert mine.restore(blob) == again
     assert go_on(mine) == first
 
