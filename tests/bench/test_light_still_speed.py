@@ -6,7 +6,6 @@ import statistics
 import time
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -14,30 +13,15 @@ from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.scene import SceneSnapshot
 from evs.emulator.config import RenderConfig
 from evs.emulator.render import make_renderer
-from evs.emulator.world import SnapshotTaker, bind_camera
 from speed.turns import Table, Time, spread, target
-from speed.view import HEIGHT, PRIMITIVES, WIDTH, View, free_camera, robot
+from speed.view import HEIGHT, PRIMITIVES, WIDTH, View, film, robot
 
-TICKS, CONTROL_TICKS, PASSES = 200, 10, 3
+TICKS, PASSES = 200, 3
 FULL_TICKS = 10
 """Of them, as many are enough for full frames."""
 FULL = "full frame, {} spp, 1 thread"
 STILL = [(1, 1), (1, 2), (4, 1)]
 """Samples a pixel, threads."""
-
-
-def film(view: View) -> list[SceneSnapshot]:
-    """The first tick and TICKS more of 1 ms, under new random controls every 10 ms."""
-    model, data = view.model, view.data
-    poser = SnapshotTaker(model, [bind_camera(model, "", WIDTH, HEIGHT, free_camera(model))])
-    rng = np.random.default_rng(1)
-    shots = []
-    for k in range(TICKS + 1):
-        shots.append(poser.snapshot(data, 1000 * k))
-        if k % CONTROL_TICKS == 0:
-            data.ctrl[:] = rng.uniform(-0.4, 0.4, model.nu)
-        mujoco.mj_step(model, data)
-    return shots
 
 
 def renderers(view: View) -> dict[str, Renderer]:
@@ -70,7 +54,7 @@ def mean_ms(renderer: Renderer, shots: list[SceneSnapshot]) -> tuple[float, floa
 
 def times_of(view: View) -> tuple[dict[str, Time], float]:
     """The means of PASSES passes, which take turns; and the share that was traced."""
-    shots, rows = film(view), renderers(view)
+    shots, rows = film(view, TICKS), renderers(view)
     means: dict[str, list[float]] = {row: [] for row in rows}
     shares = []
     for _ in range(PASSES):

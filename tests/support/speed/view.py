@@ -25,6 +25,7 @@ SCENES = [
 PRIMITIVES = SCENES[:3]
 """Those without a mesh or a height field."""
 AZIMUTH, ELEVATION = 90.0, -20.0
+CONTROL_TICKS = 10
 Rays = Callable[[CameraModel], np.ndarray]
 """The rays through a camera's pixels, in its frame: (h, w, 3)."""
 
@@ -93,6 +94,20 @@ def robot(path: Path) -> View:
     for _ in range(20):
         mujoco.mj_step(model, data)
     return view_of(model, data)
+
+
+def film(view: View, ticks: int) -> list[SceneSnapshot]:
+    """The first tick and `ticks` more of 1 ms, under new random controls every 10 ms."""
+    model, data = view.model, view.data
+    poser = SnapshotTaker(model, [bind_camera(model, "", WIDTH, HEIGHT, free_camera(model))])
+    rng = np.random.default_rng(1)
+    shots = []
+    for k in range(ticks + 1):
+        shots.append(poser.snapshot(data, 1000 * k))
+        if k % CONTROL_TICKS == 0:
+            data.ctrl[:] = rng.uniform(-0.4, 0.4, model.nu)
+        mujoco.mj_step(model, data)
+    return shots
 
 
 def share_of_the_same_geoms(view: View, camera_rays: Rays) -> float:
