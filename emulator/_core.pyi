@@ -255,7 +255,7 @@ def events_fit(raw: bytes | memoryview, base_us: int, end_us: int, width: int, h
 class NetworkArray:
     """EvSNet on an array of pixels. The caller owns the state."""
 
-    def __init__(self, width: int, height: int, *, weights: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], biases: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], delays: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], last: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], last_bias: float, v_on: float, v_off: float, decay_low: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], decay_high: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], exposure_dn: float, dark_dn: float, linlog_dn: float, tick_us: int, dense: bool = False, threads: int = 0, isa: str = 'auto') -> None:
+    def __init__(self, width: int, height: int, *, weights: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], biases: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], delays: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], last: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], last_bias: float, v_on: float, v_off: float, most: int, decay_low: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], decay_high: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], exposure_dn: float, dark_dn: float, linlog_dn: float, tick_us: int, dense: bool = False, threads: int = 0, isa: str = 'auto') -> None:
         """
         Args:
             weights: The weights of all convolutions, one after another, each (out, in,
@@ -265,6 +265,7 @@ class NetworkArray:
             last, last_bias: (channels,), the weights and the bias of the point-wise
                 convolution.
             v_on, v_off: The thresholds of the membrane potential.
+            most: The largest number of events of a pixel in a tick, 1 ... 64.
             decay_low, decay_high: (256,) d^m and (4096,) d^(256 m), where d is the
                 leak of a tick.
             exposure_dn, dark_dn, linlog_dn: The map from luminance to log intensity,

@@ -1,12 +1,13 @@
 """BiLIF, the bipolar leaky integrate-and-fire unit (the paper's equations 3 and 4), per pixel.
 
     charge  V' = d V + I           d = e^(-dt / tau)
-    fire    S  = +1 if V' >= V_on, -1 if V' <= -V_off, else 0
-    reset   V  = V' - V_on, V' + V_off or V'
+    fire    n events: ON if V' >= V_on, OFF if V' <= -V_off, else none
+    reset   V  = V' - n V_on, V' + n V_off or V'
 
-At most one event a pixel and tick: what a large step leaves over V_on fires in the ticks after it,
-one by one (the saturation effect). The paper has V_on = V_off = 1; here they are the sensor's
-thresholds in units of the network's.
+In the paper, n is 1: what a large step leaves over V_on fires in the ticks after it, one by one
+(the saturation effect). With EVENTS_PER_TICK["many"], n is the number of thresholds in V', at most
+64; only what is left over those fires later. The paper has V_on = V_off = 1; here they are the
+sensor's thresholds in units of the network's.
 
 A pixel without current and between its thresholds is not touched: its V is as of tick `last`, and
 is decayed in one go when something reaches it. So leaving pixels out changes no bit. For any number
@@ -24,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.base.scene import F32, F64
-from evs.msgs import Events, EvsError, make_events
+from evs.msgs import Events, EvsError, make_events, unknown
 
 LOW_TICKS = 256
 HIGH_ENTRIES = 4096
@@ -86,15 +87,28 @@ MAX_POTENTIAL = np.float32(64)
 """|V'| is clamped to it, so that no trail is longer than 64 thresholds"""
 
 
+EVENTS_PER_TICK = {"one": 1, "many": 64}
+"""model.events_per_tick -> most events of a pixel in a tick"""
+
+
+def most_events(name: str) -> int:
+    """The most events of a pixel in a tick. Raises EvsError where no rule has that name."""
+    if name not in EVENTS_PER_TICK:
+        raise unknown("number of events per tick", name, EVENTS_PER_TICK)
+    return EVENTS_PER_TICK[name]
+
+
 @dataclass(frozen=True, eq=False)
 class BiLIF:
-    """The unit's two thresholds and its decay."""
+    """The unit's two thresholds, its decay, and how often it fires."""
 
     on: np.float32
     """V_on"""
     off: np.float32
     """V_off, > 0"""
     decay: Decay
+    most: int = 1
+    """events of a pixel in a tick; what is left stays in V"""
 
     def step(
         self, current: F32, v: F32, last: I64, tick: int, begin_us: int, tick_us: int
@@ -110,7 +124,8 @@ class BiLIF:
             tick_us: Its length, us.
 
         Returns:
-            The events, sorted by t, ties in pixel order; how many |V'| were clamped.
+            The events, sorted by t, ties in pixel order, then in order of crossing; how many |V'|
+            were clamped.
         """
         width = v.shape[1]
         flat_v, flat_last = v.reshape(-1), last.reshape(-1)
@@ -123,13 +138,21 @@ class BiLIF:
         unclamped = before + charge
         after = np.clip(unclamped, -MAX_POTENTIAL, MAX_POTENTIAL)
         up, down = after >= self.on, after <= -self.off
-        flat_v[pixels] = np.where(up, after - self.on, np.where(down, after + self.off, after))
+        # thresholds in V', at least 1 where it fires
+        inside = np.where(up, after / self.on, -after / self.off)
+        count = np.trunc(np.minimum(inside, np.float32(self.most)))
+        reset = np.where(down, after + count * self.off, after)
+        flat_v[pixels] = np.where(up, after - count * self.on, reset)
         flat_last[pixels] = tick
         clamped = int(np.count_nonzero(lost | (after != unclamped)))
 
-        fired = up | down
-        level = np.where(up, np.float64(self.on), -np.float64(self.off))
-        offset = crossing_us(level[fired], before[fired], charge[fired], tick_us)
+        fired = np.flatnonzero(up | down)
+        each = count[fired].astype(np.int64)
+        fired = np.repeat(fired, each)
+        # 1 ... n of each pixel
+        number = np.arange(1.0, len(fired) + 1.0) - np.repeat(np.cumsum(each) - each, each)
+        level = number * np.where(up[fired], np.float64(self.on), -np.float64(self.off))
+        offset = crossing_us(level, before[fired], charge[fired], tick_us)
         order = np.argsort(offset, kind="stable")
         where, polarity = pixels[fired][order], up[fired][order]
         stamps = begin_us + offset[order]
@@ -139,11 +162,11 @@ class BiLIF:
 def crossing_us(level: F64, before: F32, charge: F32, tick_us: int) -> I64:
     """When a membrane that goes from `before` in a line by `charge` reaches `level`.
 
-    In us after the start of the tick, rounded up, 1 ... tick_us; 1 where it was there already.
-    As core/sensor/comparator.h crossing_time.
+    In us after the start of the tick, rounded up, 1 ... tick_us; 1 where it was there already, and
+    where it stands still. As core/sensor/comparator.h crossing_time.
     """
     start = before.astype(np.float64)
-    missing = np.where(level > 0, level - start > 0, level - start < 0)
+    missing = np.where(level > 0, level - start > 0, level - start < 0) & (charge != 0)
     span = np.where(missing, charge.astype(np.float64), 1.0)
     exact = np.where(missing, (level - start) * np.float64(tick_us) / span, 0.0)
     offset: I64 = np.ceil(np.clip(exact, 1.0, np.float64(tick_us))).astype(np.int64)

@@ -24,7 +24,7 @@ class DenseRuntime(ABC):
 
     name: str
 
-    def __init__(self, sensor: SensorParameters, weights: Network) -> None:
+    def __init__(self, sensor: SensorParameters, weights: Network, most: int = 1) -> None:
         """Raises EvsError where the network's numbers make no sense on this sensor."""
         self.held = held_at_rest(weights)
         self._tick_us = weights.tick_us
@@ -34,6 +34,7 @@ class DenseRuntime(ABC):
             np.float32(sensor.pos_thres / weights.threshold),
             np.float32(sensor.neg_thres / weights.threshold),
             decay_tables(weights.tau_s, weights.tick_us),
+            most,
         )
 
     @abstractmethod

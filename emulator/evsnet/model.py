@@ -7,7 +7,7 @@ import numpy as np
 from evs.emulator.base.arrays import Arrays
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.scene import F32
-from evs.emulator.evsnet.bilif import decay_tables
+from evs.emulator.evsnet.bilif import decay_tables, most_events
 from evs.emulator.evsnet.graph_network import Network
 from evs.emulator.evsnet.network_files import load_network
 from evs.emulator.evsnet.runtime import make_runtime
@@ -43,6 +43,7 @@ class EvsNetModel:
         isa: str = "auto",
         initial: str = "random",
         sparse: bool = True,
+        events_per_tick: str = "one",
         labels: bool = False,
         switches: Switches = UNFORCED,
     ) -> None:
@@ -57,6 +58,7 @@ class EvsNetModel:
             isa: As of make_runtime.
             initial: Membranes at the start: "random" in (-V_off, V_on), or "zero".
             sparse: As of make_runtime.
+            events_per_tick: Of a pixel: "one", the paper's, or "many", all that a step is worth.
             labels: Refused: a network has no cause of an event.
             switches: Cold tiles that are forced on or off.
 
@@ -82,6 +84,8 @@ class EvsNetModel:
         self._on = np.float32(sensor.pos_thres / weights.threshold)
         self._off = np.float32(sensor.neg_thres / weights.threshold)
         decay_tables(weights.tau_s, weights.tick_us)  # refuses what has none
+        self.most_events = most_events(events_per_tick)
+        """of a pixel in a tick"""
         dense = switches.decide("cold_tiles", not sparse or not weights.is_still)
         if runtime != "native" or dense:
             check_dense(weights, sensor.width, sensor.height)
@@ -93,6 +97,7 @@ class EvsNetModel:
             threads=threads,
             isa=isa,
             sparse=not dense,
+            most=self.most_events,
         )
         self.features = {"cold_tiles": runtime != "native" or dense}
         """which code paths it runs, by name"""
@@ -226,6 +231,7 @@ def evsnet_model(request: ModelRequest) -> EvsNetModel:
         threads=request.threads,
         isa=request.isa,
         initial=model.initial_state,
+        events_per_tick=model.events_per_tick,
         labels=model.labels,
         switches=request.switches,
     )

@@ -44,6 +44,7 @@ class NativeRuntime:
         threads: int = 0,
         isa: str = "auto",
         sparse: bool = True,
+        most: int = 1,
     ) -> None:
         """Set the kernel up.
 
@@ -54,6 +55,7 @@ class NativeRuntime:
             isa: auto, avx512, avx2 or portable, all with the same bytes.
             sparse: Whether tiles where nothing moves are left out. Where that would be wrong, as
                 in a network with a bias, EvsNetModel turns it off.
+            most: Events of a pixel in a tick, 1 ... 64.
 
         Raises:
             EvsError: This machine cannot run the instruction set.
@@ -76,6 +78,7 @@ class NativeRuntime:
             last_bias=weights.last_bias,
             v_on=sensor.pos_thres / weights.threshold,
             v_off=sensor.neg_thres / weights.threshold,
+            most=most,
             decay_low=decay.low,
             decay_high=decay.high,
             exposure_dn=sensor.exposure_dn,

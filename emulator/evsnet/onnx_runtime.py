@@ -51,6 +51,7 @@ class OnnxRuntime(DenseRuntime):
         weights: Network,
         provider: str = "cpu",
         threads: int = 0,
+        most: int = 1,
     ) -> None:
         """Open a session.
 
@@ -59,11 +60,12 @@ class OnnxRuntime(DenseRuntime):
             weights: The network.
             provider: A key of PROVIDERS.
             threads: Worker threads; 0: one a core.
+            most: Events of a pixel in a tick.
 
         Raises:
             EvsError: No such provider, or no sound graph.
         """
-        super().__init__(sensor, weights)
+        super().__init__(sensor, weights, most)
         graph = weights.graph if isinstance(weights, GraphNetwork) else streaming_graph(weights)
         self._session = open_session(graph, provider, threads)
         shapes = [(1, *shape, BLOCK) for shape in state_shapes(self._session)]

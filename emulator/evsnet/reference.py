@@ -22,9 +22,9 @@ class ReferenceRuntime(DenseRuntime):
 
     name = "reference"
 
-    def __init__(self, sensor: SensorParameters, weights: NetworkWeights) -> None:
+    def __init__(self, sensor: SensorParameters, weights: NetworkWeights, most: int = 1) -> None:
         """Raises EvsError where the network's numbers make no sense on this sensor."""
-        super().__init__(sensor, weights)
+        super().__init__(sensor, weights, most)
         self.weights = weights
 
     def convolve(self, x: F32, fifos: list[F32]) -> tuple[F32, list[F32]]:

@@ -87,6 +87,7 @@ def make_runtime(
     threads: int = 0,
     isa: str = "auto",
     sparse: bool = True,
+    most: int = 1,
 ) -> Runtime:
     """The runtime of that name; only then is it imported.
 
@@ -98,6 +99,7 @@ def make_runtime(
         threads: Worker threads; 0 is one a core.
         isa: Instruction set of native.
         sparse: Whether native leaves out pixels without current.
+        most: Events of a pixel in a tick, as of bilif.most_events.
 
     Raises:
         EvsError: No such runtime, or it cannot run the network.
@@ -114,5 +116,5 @@ def make_runtime(
         )
     options = {"provider": provider, "threads": threads, "isa": isa, "sparse": sparse}
     given = {option: options[option] for option in row.options}
-    made: Runtime = load(row.target)(sensor, weights, **given)
+    made: Runtime = load(row.target)(sensor, weights, most=most, **given)
     return made

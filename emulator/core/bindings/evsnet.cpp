@@ -41,14 +41,15 @@ class BoundNetwork {
  public:
   BoundNetwork(int width, int height, Line weights, Array<const float, 2> biases,
                Array<const int32_t, 1> delays, Line last, float last_bias, float v_on, float v_off,
-               Line decay_low, Line decay_high, float exposure_dn, float dark_dn, float linlog_dn,
-               int64_t tick_us, bool dense, int threads, const std::string& isa) {
+               int most, Line decay_low, Line decay_high, float exposure_dn, float dark_dn,
+               float linlog_dn, int64_t tick_us, bool dense, int threads, const std::string& isa) {
     require(width >= 1 && width <= 32767 && height >= 1 && height <= 32767,
             "width and height must be in [1, 32767]");
     require(last.shape(0) >= 1 && last.shape(0) <= 64, "1 ... 64 channels are possible");
     require(delays.shape(0) <= 8, "at most 8 blocks are possible");
     require(tick_us >= 1 && tick_us < (int64_t{1} << 28), "tick_us must be in [1, 2^28)");
     require(v_on > 0.0f && v_off > 0.0f, "thresholds must be over 0");
+    require(most >= 1 && most <= kMostSpikes, "1 ... 64 events per tick are possible");
     require(decay_low.shape(0) == kDecayLow && decay_high.shape(0) == kDecayHigh,
             "decay tables must have 256 and 4096 entries");
     parameters_.weights.assign(weights.data(), weights.data() + weights.size());
@@ -74,7 +75,8 @@ class BoundNetwork {
     network.delays = parameters_.delays.data();
     network.pointwise = parameters_.pointwise.data();
     network.pointwise_bias = last_bias;
-    settings.bilif = {v_on, v_off, parameters_.decay_low.data(), parameters_.decay_high.data()};
+    settings.bilif = {v_on, v_off, most, parameters_.decay_low.data(),
+                      parameters_.decay_high.data()};
     settings.tick_us = tick_us;
     settings.dense = dense;
     width_ = static_cast<size_t>(width);
@@ -180,12 +182,12 @@ void bind_network(nb::module_& m) {
   nb::class_<BoundNetwork>(m, "NetworkArray",
                            "EvSNet on an array of pixels. The caller owns the state.")
       .def(nb::init<int, int, Line, Array<const float, 2>, Array<const int32_t, 1>, Line, float,
-                    float, float, Line, Line, float, float, float, int64_t, bool, int,
+                    float, float, int, Line, Line, float, float, float, int64_t, bool, int,
                     const std::string&>(),
            nb::arg("width"), nb::arg("height"), nb::kw_only(), nb::arg("weights").noconvert(),
            nb::arg("biases").noconvert(), nb::arg("delays").noconvert(),
            nb::arg("last").noconvert(), nb::arg("last_bias"), nb::arg("v_on"), nb::arg("v_off"),
-           nb::arg("decay_low").noconvert(), nb::arg("decay_high").noconvert(),
+           nb::arg("most"), nb::arg("decay_low").noconvert(), nb::arg("decay_high").noconvert(),
            nb::arg("exposure_dn"), nb::arg("dark_dn"), nb::arg("linlog_dn"), nb::arg("tick_us"),
            nb::arg("dense") = false, nb::arg("threads") = 0, nb::arg("isa") = "auto",
            "Args:\n"
@@ -196,6 +198,7 @@ void bind_network(nb::module_& m) {
            "    last, last_bias: (channels,), the weights and the bias of the point-wise\n"
            "        convolution.\n"
            "    v_on, v_off: The thresholds of the membrane potential.\n"
+           "    most: The largest number of events of a pixel in a tick, 1 ... 64.\n"
            "    decay_low, decay_high: (256,) d^m and (4096,) d^(256 m), where d is the\n"
            "        leak of a tick.\n"
            "    exposure_dn, dark_dn, linlog_dn: The map from luminance to log intensity,\n"

@@ -2,8 +2,10 @@
 // equations 2 and 3 with thresholds of their own for each polarity:
 //
 //   charge  V' = d V + I
-//   fire    S = +1 if V' >= V_on, -1 if V' <= -V_off, else 0
-//   reset   V = V' - V_on, V' + V_off or V'
+//   fire    n spikes: ON if V' >= V_on, OFF if V' <= -V_off, else none
+//   reset   V = V' - n V_on, V' + n V_off or V'
+//
+// n is the number of thresholds in V', but at most `most`: 1 in the paper. What is left stays in V.
 //
 // A pixel is active if I is not 0 or V is at a threshold. Only an active pixel changes; its leak
 // over all ticks since it was last active is applied in one step. No NaN persists: as I it counts
@@ -29,6 +31,14 @@ EVS_INLINE Float leak(Float v, Int gap, Mask active, const BiLif& unit) {
   const Float low = gather(unit.decay_low, ticks & splat(kDecayLow - 1));
   const Float high = gather(unit.decay_high, shift_right<8>(ticks));
   return select(far, splat(0.0f), v * low * high);
+}
+
+// n of the lanes that fire, at least 1.
+EVS_INLINE Float spikes(Float v, Mask on, Mask off, const BiLif& unit) {
+  const Float one = splat(1.0f);
+  if (unit.most == 1 || !any(on | off)) return one;
+  const Float inside = select(on, v / splat(unit.v_on), select(off, -v / splat(unit.v_off), one));
+  return to_float(truncate(min(inside, splat(static_cast<float>(unit.most)))));
 }
 
 // Kernel: the spikes of a tile in each tick of the chunk.
@@ -67,9 +77,10 @@ void integrate_and_fire(BiLifJob& job) {
     // fire
     const Mask on = active & (v_charged >= unit.v_on);
     const Mask off = active & (v_charged <= -unit.v_off);
+    const Float count = spikes(v_charged, on, off, unit);
     // reset
-    const Float reset =
-        select(on, v_charged - unit.v_on, select(off, v_charged + unit.v_off, v_charged));
+    const Float reset = select(on, v_charged - count * unit.v_on,
+                               select(off, v_charged + count * unit.v_off, v_charged));
     v = select(active, reset, v);
     last_active = select(active, splat(t), last_active);
     // record the spikes
@@ -79,6 +90,7 @@ void integrate_and_fire(BiLifJob& job) {
     job.on[t] = static_cast<uint16_t>(fired_on);
     job.off[t] = static_cast<uint16_t>(fired_off);
     store(job.leaked + t * LANES, leaked);
+    store(job.count + t * LANES, count);
   }
   job.at_threshold = any(at_threshold(v, unit) & lanes);
 

@@ -286,13 +286,17 @@ void NetworkArray::add_crossings(const BiLifJob& job, size_t down) {
       const bool on = (job.on[t] >> lane & 1) != 0;
       // V is a line from d V to d V + I; what was at its threshold before fires at once
       const double leaked = job.leaked[t * kLanes + lane];
-      const double level = on ? settings_.bilif.v_on : -settings_.bilif.v_off;
-      const bool below = on ? leaked < level : leaked > level;
-      const uint32_t stamp =
-          below ? crossing_time(level - leaked, job.current[t * kLanes + lane], tick) : 1;
+      const double current = job.current[t * kLanes + lane];
+      const double threshold = on ? settings_.bilif.v_on : -settings_.bilif.v_off;
+      const int count = static_cast<int>(job.count[t * kLanes + lane]);
       const size_t row = static_cast<size_t>(lane / kTileSide);
       const size_t pixel = job.place.pixel + row * width_ + static_cast<size_t>(lane % kTileSide);
-      rows[row].push_back({static_cast<uint32_t>(pixel), (stamp << kTagBits) | (on ? 1u : 0u)});
+      for (int n = 1; n <= count; n++) {
+        const double level = n * threshold;
+        const bool below = (on ? leaked < level : leaked > level) && current != 0.0;
+        const uint32_t stamp = below ? crossing_time(level - leaked, current, tick) : 1;
+        rows[row].push_back({static_cast<uint32_t>(pixel), (stamp << kTagBits) | (on ? 1u : 0u)});
+      }
     }
   }
 }

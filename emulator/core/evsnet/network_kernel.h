@@ -29,6 +29,7 @@ inline constexpr int kSlots = kFifoTicks + kSegment;
 inline constexpr int kChunk = 32;
 inline constexpr float kLargestX = 20.0f;
 inline constexpr float kLargestV = 64.0f;
+inline constexpr int kMostSpikes = 64;
 inline constexpr int kDecayLow = 256;
 inline constexpr int kDecayHigh = 4096;
 
@@ -72,6 +73,7 @@ struct Network {
 struct BiLif {
   float v_on = 1.0f;
   float v_off = 1.0f;
+  int most = 1;                       // spikes of a pixel in a tick
   const float* decay_low = nullptr;   // (256,) d^m
   const float* decay_high = nullptr;  // (4096,) d^(256 m); decay_high[0] is 1
 };
@@ -135,9 +137,10 @@ struct BiLifJob {
 
   // Out
   uint32_t fired = 0;                         // ticks with a spike, as bits
-  uint16_t on[kChunk];                        // lanes with S = +1, as bits
-  uint16_t off[kChunk];                       // lanes with S = -1
+  uint16_t on[kChunk];                        // lanes with ON spikes, as bits
+  uint16_t off[kChunk];                       // lanes with OFF spikes
   alignas(64) float leaked[kChunk * kLanes];  // d V at the start of the ticks with a spike
+  alignas(64) float count[kChunk * kLanes];   // spikes of the lanes that fire in these ticks
   int v_clamped = 0;
   bool at_threshold = false;  // some V is still at a threshold
 };

@@ -46,7 +46,7 @@ struct Filters {
     network.delays = delays.data();
     network.pointwise = pointwise.data();
     settings.map = LogMap::linlog(255, 0.1f, 2.7182817f);
-    settings.bilif = {1.0f, 1.25f, decay_low.data(), decay_high.data()};
+    settings.bilif = {1.0f, 1.25f, 1, decay_low.data(), decay_high.data()};
     settings.tick_us = 1000;
     settings.dense = biased;
   }
@@ -140,7 +140,8 @@ Result run(const NetworkSettings& settings, Size size, const std::vector<float>&
   return out;
 }
 
-void survives(const Filters& filters, Size size) {
+void survives(Filters filters, Size size, int most = 1) {
+  filters.settings.bilif.most = most;
   const std::vector<float> light = film(size);
   const Result expected = run(filters.settings, size, light, "portable", 1, 1);
   check(!expected.events.empty(), "moving light makes a network fire");
@@ -195,6 +196,11 @@ void networks_survive_any_light() {
   survives(Filters(1, 3, 1, true, 1.0f), size);
   survives(Filters(9, 0, 0, false, 1.0f), size);
   survives(Filters(4, 3, 2, false, 1e12f), size);  // sums overflow
+  for (int most : {3, kMostSpikes}) {
+    survives(Filters(4, 1, 0, false, 1.0f), {13, 6}, most);
+    survives(Filters(4, 3, 2, false, 1e12f), size, most);
+    survives(Filters(3, 2, 5, true, 1.0f), size, most);
+  }
   damage_is_refused();
 }
 

@@ -46,14 +46,30 @@ NETWORKS = {
 SLOW = ("centred, 4", "ahead by 7, 5, 2 blocks, biased", "16, 1 block")
 
 
+MANY = ("causal, 8", "centred, 8, biased", "evsnet_c8")
+"""networks whose pixels also fire many events per tick"""
+
+
 @pytest.fixture(
     params=[
-        pytest.param(network, id=name, marks=[pytest.mark.slow] if name in SLOW else [])
-        for name, network in NETWORKS.items()
+        *(pytest.param((name, "one"), id=name, marks=[pytest.mark.slow] if name in SLOW else [])
+          for name in NETWORKS),
+        *(pytest.param((name, "many"), id=f"{name}, many") for name in MANY),
     ]
-)
-def weights(request: pytest.FixtureRequest) -> Network:
-    return request.param
+)  # fmt: skip
+def case(request: pytest.FixtureRequest) -> tuple[Network, str]:
+    """A network, and the events of a pixel per tick."""
+    name, events_per_tick = request.param
+    return NETWORKS[name], events_per_tick
+
+
+def model(
+    case: tuple[Network, str], runtime: str, sensor: SensorParameters = SENSOR, threads: int = 0
+) -> EvsNetModel:
+    weights, events_per_tick = case
+    return EvsNetModel(
+        sensor, weights, runtime=runtime, threads=threads, events_per_tick=events_per_tick
+    )
 
 
 def same(one: Run, other: Run) -> bool:
@@ -67,58 +83,58 @@ def same(one: Run, other: Run) -> bool:
 
 
 @pytest.mark.parametrize("runtime", RUNTIMES)
-def test_a_runtime_agrees_with_the_reference(weights: Network, runtime: str) -> None:
+def test_a_runtime_agrees_with_the_reference(case: tuple[Network, str], runtime: str) -> None:
     light = mixed_light(TICKS)
-    reference = EvsNetModel(SENSOR, weights, runtime="reference")
-    one = run(reference, light)
-    found = compare(reference, one, run(EvsNetModel(SENSOR, weights, runtime=runtime), light))
+    reference = model(case, "reference")
+    found = compare(reference, run(reference, light), run(model(case, runtime), light))
     assert found.events > 5_000
     assert found.current_error < 1e-5
     assert found.untied == 0
     assert found.unpaired < 1e-4 * found.events
     assert found.misplaced == 0
-    if weights.is_still:
+    if case[0].is_still:
         assert found.stamps_off < 1e-4 * found.events
 
 
 @pytest.mark.parametrize("runtime", EVERY)
-def test_any_cut_gives_the_same_bytes(weights: Network, runtime: str) -> None:
+def test_any_cut_gives_the_same_bytes(case: tuple[Network, str], runtime: str) -> None:
     light = mixed_light(70)
-    model = EvsNetModel(SENSOR, weights, runtime=runtime)
-    whole = run(model, light, cut=32)
+    one = model(case, runtime)
+    whole = run(one, light, cut=32)
     assert sum(map(len, whole.events)) > 1_000
     for cut in (1, 5, 8, 16, 31):
-        assert same(run(model, light, cut=cut), whole), cut
+        assert same(run(one, light, cut=cut), whole), cut
 
 
 @pytest.mark.parametrize("runtime", RUNTIMES)
-def test_any_number_of_threads_gives_the_same_bytes(weights: Network, runtime: str) -> None:
+def test_any_number_of_threads_gives_the_same_bytes(
+    case: tuple[Network, str], runtime: str
+) -> None:
     light = mixed_light(70)
-    one = run(EvsNetModel(SENSOR, weights, runtime=runtime, threads=1), light)
+    one = run(model(case, runtime, threads=1), light)
     for threads in (0, 2, 3):
-        other = EvsNetModel(SENSOR, weights, runtime=runtime, threads=threads)
-        assert same(run(other, light), one), threads
+        assert same(run(model(case, runtime, threads=threads), light), one), threads
 
 
 @pytest.mark.parametrize("runtime", EVERY)
-def test_a_pixel_is_the_same_wherever_it_stands(weights: Network, runtime: str) -> None:
+def test_a_pixel_is_the_same_wherever_it_stands(case: tuple[Network, str], runtime: str) -> None:
     light = mixed_light(40)
-    whole = run(EvsNetModel(SENSOR, weights, runtime=runtime), light).currents
+    whole = run(model(case, runtime), light).currents
     # one row, a few pixels, one: other blocks, lanes and fillings
     for rows, columns in (((7, 8), (0, 40)), ((20, 23), (30, 33)), ((30, 31), (39, 40))):
         part = (slice(None), slice(*rows), slice(*columns))
         height, width = light[part].shape[1:]
         sensor = dataclasses.replace(SENSOR, width=width, height=height)
-        found = run(EvsNetModel(sensor, weights, runtime=runtime), light[part]).currents
+        found = run(model(case, runtime, sensor), light[part]).currents
         assert found.tobytes() == whole[part].tobytes()
 
 
 @pytest.mark.parametrize("runtime", EVERY)
-def test_a_stream_goes_on_from_where_it_was_saved(weights: Network, runtime: str) -> None:
+def test_a_stream_goes_on_from_where_it_was_saved(case: tuple[Network, str], runtime: str) -> None:
     light = mixed_light(60)
-    model = EvsNetModel(SENSOR, weights, runtime=runtime)
-    whole, _ = model.step_chunk(light, model.init(3), 0, 1000)
-    first, state = model.step_chunk(light[:23], model.init(3), 0, 1000)
+    one = model(case, runtime)
+    whole, _ = one.step_chunk(light, one.init(3), 0, 1000)
+    first, state = one.step_chunk(light[:23], one.init(3), 0, 1000)
     with BytesIO() as file:
         np.savez(file, **state.save())
         file.seek(0)
@@ -126,8 +142,8 @@ def test_a_stream_goes_on_from_where_it_was_saved(weights: Network, runtime: str
             restored = NetworkState.restore(saved)
     assert restored == state
     # the first goes on too: what one state steps does not show in the other
-    model.step_chunk(light[23:] * np.float32(2), state, 23_000, 1000)
-    again = EvsNetModel(SENSOR, weights, runtime=runtime)
+    one.step_chunk(light[23:] * np.float32(2), state, 23_000, 1000)
+    again = model(case, runtime)
     second, _ = again.step_chunk(light[23:], restored, 23_000, 1000)
     assert b"".join(e.tobytes() for e in first + second) == b"".join(e.tobytes() for e in whole)
 

@@ -49,9 +49,11 @@ class Pixel:
         self.v = np.full((1, 1), self.v0, np.float32)
         self.last = np.zeros((1, 1), np.int64)
         self.clamped = 0
+        self.stamps: list[list[int]] = []
+        """of each tick"""
 
     def run(self, currents: list[float]) -> list[tuple[int, int, float]]:
-        """(event: +1, 0, -1; stamp after the tick's start or 0; v) of each tick."""
+        """(ON less OFF events; the first's stamp after the tick's start or 0; v) of each tick."""
         out = []
         for tick, current in enumerate(currents):
             frame = np.full((1, 1), current, np.float32)
@@ -59,17 +61,18 @@ class Pixel:
                 frame, self.v, self.last, tick, tick * self.tick_us, self.tick_us
             )
             self.clamped += clamped
-            assert len(events) <= 1
+            self.stamps.append((events["t"] - tick * self.tick_us).tolist())
+            assert len(set(events["p"].tolist())) <= 1
             event, stamp = 0, 0
             if len(events):
-                event = 1 if events["p"][0] else -1
-                stamp = int(events["t"][0]) - tick * self.tick_us
+                event = len(events) if events["p"][0] else -len(events)
+                stamp = self.stamps[-1][0]
             out.append((event, stamp, float(self.v[0, 0])))
         return out
 
 
-def unit(on: float = 1.0, off: float = 1.0, decay: Decay | None = None) -> BiLIF:
-    return BiLIF(np.float32(on), np.float32(off), decay or keeping())
+def unit(on: float = 1.0, off: float = 1.0, decay: Decay | None = None, most: int = 1) -> BiLIF:
+    return BiLIF(np.float32(on), np.float32(off), decay or keeping(), most)
 
 
 def test_charge_fire_reset_of_both_polarities() -> None:
@@ -142,6 +145,44 @@ def test_the_trail_leaks() -> None:
         (1, 0.25),
         *[(0, 0.25)] * 4,
     ]
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_many_events_of_a_step_fire_in_its_tick_along_the_line(sign: int) -> None:
+    pixel = Pixel(unit(most=64), v0=sign * 0.5)
+    trail = pixel.run([sign * 4.0, 0.0, sign * 0.25, sign * 2.0])
+    assert trail == [
+        (sign * 4, 125, sign * 0.5),
+        (0, 0, sign * 0.5),
+        (0, 0, sign * 0.75),
+        (sign * 2, 125, sign * 0.75),
+    ]
+    # V crosses 1, 2, 3 and 4 on its line from 0.5 to 4.5
+    assert pixel.stamps == [[125, 375, 625, 875], [], [], [125, 625]]
+
+
+def test_many_thresholds_of_two_sizes_just_reached() -> None:
+    pixel = Pixel(unit(on=0.5, off=2.0, most=64))
+    assert pixel.run([1.5, -4.0, -1.5, 2.0]) == [
+        (3, 334, 0.0),
+        (-2, 500, 0.0),
+        (0, 0, -1.5),
+        (1, 1000, 0.0),
+    ]
+
+
+def test_more_than_the_most_events_stay_in_the_membrane() -> None:
+    pixel = Pixel(unit(on=0.25, most=64))
+    # 160 thresholds: 64 along the line, 64 and 32 at once in the ticks after it
+    trail = pixel.run([40.0, 0.0, 0.0, 0.0])
+    assert [(count, v) for count, _, v in trail] == [(64, 24.0), (64, 8.0), (32, 0.0), (0, 0.0)]
+    assert pixel.stamps[0] == [math.ceil(1000 * n * 0.25 / 40) for n in range(1, 65)]
+    assert pixel.stamps[1:3] == [[1] * 64, [1] * 32]
+    # what is left fires whatever current comes, and none
+    for current in (float("nan"), -1.0, float("inf")):
+        pixel = Pixel(unit(on=0.25, most=64))
+        assert [count for count, _, _ in pixel.run([40.0, current])] == [64, 64]
+        assert pixel.stamps[1] == [1] * 64
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -218,16 +259,18 @@ def test_untouched_pixels_hold_their_bits() -> None:
 
 
 class OnePixel:
-    """The rule as the issue words it, with scalars."""
+    """The rule with scalars."""
 
     def __init__(self, unit: BiLIF, v: np.float32) -> None:
         self.unit, self.v, self.last, self.clamped = unit, v, 0, 0
 
-    def tick(self, n: int, current: np.float32, begin_us: int, tick_us: int) -> tuple[int, int]:
-        """(t_us, p) of its event, or (0, -1)."""
-        on, off = self.unit.on, self.unit.off
+    def tick(
+        self, n: int, current: np.float32, begin_us: int, tick_us: int
+    ) -> list[tuple[int, int]]:
+        """(t_us, p) of its events."""
+        on, off, most = self.unit.on, self.unit.off, np.float32(self.unit.most)
         if not (current != 0 or self.v >= on or self.v <= -off):
-            return 0, -1
+            return []
         waited = n - self.last
         dv = self.v * self.unit.decay.low[waited % 256]
         if waited >= 256:
@@ -237,21 +280,20 @@ class OnePixel:
             self.clamped += 1
             v1 = np.float32(math.copysign(64, v1))
         self.last = n
-        if v1 >= on:
-            self.v = v1 - on
-            return self.stamp(float(on), float(dv), float(current), begin_us, tick_us, dv < on), 1
-        if v1 <= -off:
-            self.v = v1 + off
-            stamp = self.stamp(-float(off), float(dv), float(current), begin_us, tick_us, dv > -off)
-            return stamp, 0
         self.v = v1
-        return 0, -1
-
-    def stamp(
-        self, level: float, dv: float, current: float, begin: int, tick: int, moving: bool
-    ) -> int:
-        exact = (level - dv) * tick / current if moving else 0.0
-        return begin + min(max(math.ceil(exact), 1), tick)
+        found = []
+        for size, sign in ((on, 1), (off, -1)):
+            count = int(min(sign * v1 / size, most))
+            if count >= 1:
+                self.v = v1 - np.float32(sign * count) * size
+            for k in range(1, count + 1):
+                level = sign * k * float(size)
+                # the line goes from dv to dv + current
+                missing = sign * (level - float(dv)) > 0 and current != 0
+                exact = (level - float(dv)) * tick_us / float(current) if missing else 0.0
+                stamp = begin_us + min(max(math.ceil(exact), 1), tick_us)
+                found.append((stamp, int(sign > 0)))
+        return found
 
 
 LEVELS = st.floats(0.0625, 8.0, width=32)
@@ -272,6 +314,7 @@ CURRENTS = st.one_of(
     tau_ticks=st.floats(1.0, 15_000.0),
     tick_us=st.sampled_from([1, 100, 1000, 10_000]),
     shape=st.sampled_from([(1, 1), (2, 3), (1, 5)]),
+    most=st.sampled_from([1, 2, 64]),
     data=st.data(),
 )
 def test_every_event_and_every_bit_of_the_state(
@@ -281,6 +324,7 @@ def test_every_event_and_every_bit_of_the_state(
     tau_ticks: float,
     tick_us: int,
     shape: tuple[int, int],
+    most: int,
     data: st.DataObject,
 ) -> None:
     # thresholds of 1 make ties likely
@@ -288,6 +332,7 @@ def test_every_event_and_every_bit_of_the_state(
         np.float32(1 if exact else on),
         np.float32(1 if exact else off),
         decay_tables(tau_ticks * tick_us * 1e-6, tick_us),
+        most,
     )
     count = shape[0] * shape[1]
     share = data.draw(st.lists(st.floats(-0.99, 0.99), min_size=count, max_size=count))
@@ -311,9 +356,8 @@ def test_every_event_and_every_bit_of_the_state(
         clamped += more
         expected = []
         for place, (pixel, current) in enumerate(zip(pixels, frame.reshape(-1), strict=True)):
-            stamp, polarity = pixel.tick(n, current, begin_us, tick_us)
-            if polarity >= 0:
-                expected.append((stamp, place, polarity))
+            events_of_it = pixel.tick(n, current, begin_us, tick_us)
+            expected += [(stamp, place, polarity) for stamp, polarity in events_of_it]
         told = [(t, x + shape[1] * y, p) for t, x, y, p in events.tolist()]
         assert told == sorted(expected, key=lambda event: event[:2])
         assert v.tobytes() == np.array([pixel.v for pixel in pixels], np.float32).tobytes()

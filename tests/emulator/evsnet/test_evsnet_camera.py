@@ -54,11 +54,14 @@ def world(folder: Path, **model: object) -> World:
 
 
 @pytest.mark.parametrize("runtime", ["native", "onnxruntime", "reference"])
-@pytest.mark.parametrize("chunk", [3, 8])
-def test_packets_do_not_depend_on_the_chunk(folder: Path, runtime: str, chunk: int) -> None:
+@pytest.mark.parametrize(("chunk", "events_per_tick"), [(3, "one"), (8, "one"), (8, "many")])
+def test_packets_do_not_depend_on_the_chunk(
+    folder: Path, runtime: str, chunk: int, events_per_tick: str
+) -> None:
     """One packet a tick either way; those of a chunk leave together, the last by themselves."""
-    single = [p for ps in world(folder, runtime=runtime).run(0.052) for p in ps]
-    steps = list(world(folder, runtime=runtime, chunk=chunk).run(0.052))
+    keys = {"runtime": runtime, "events_per_tick": events_per_tick}
+    single = [p for ps in world(folder, **keys).run(0.052) for p in ps]
+    steps = list(world(folder, **keys, chunk=chunk).run(0.052))
     chunked = [p for ps in steps for p in ps]
     assert [len(ps) for ps in steps[: 2 * chunk]] == ([0] * (chunk - 1) + [chunk]) * 2
     assert [p.seq for p in chunked] == list(range(52))
@@ -115,6 +118,7 @@ def test_who_gives_events_at_once_takes_no_chunks(folder: Path) -> None:
         ({"runtime": "natve"}, "native"),
         ({"network": "nowhere"}, "nowhere"),
         ({"initial_state": "one"}, "zero"),
+        ({"events_per_tick": "two"}, "no number of events per tick 'two'; there is: "),
         ({"provider": "cuda"}, "runtime onnxruntime"),
     ],
 )

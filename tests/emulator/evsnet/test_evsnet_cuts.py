@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evs.emulator.base.scene import F32
+from evs.emulator.evsnet.bilif import EVENTS_PER_TICK
 from evs.emulator.evsnet.model import EvsNetModel
 from evs.emulator.evsnet.runtime import RUNTIMES
 from evs.emulator.evsnet.state import NetworkState
@@ -45,8 +46,10 @@ def film(seed: int, ticks: int = TICKS) -> F32:
 
 
 @cache
-def model(name: str, runtime: str) -> EvsNetModel:
-    return EvsNetModel(SENSOR, NETWORKS[name], runtime=runtime, threads=1)
+def model(name: str, runtime: str, events_per_tick: str = "one") -> EvsNetModel:
+    return EvsNetModel(
+        SENSOR, NETWORKS[name], runtime=runtime, threads=1, events_per_tick=events_per_tick
+    )
 
 
 def by_ticks(one: EvsNetModel, light: F32, seed: int) -> tuple[list[bytes], NetworkState]:
@@ -89,15 +92,22 @@ def test_chunks_of_the_usual_lengths(name: str, chunk: int, runtime: str) -> Non
 @given(
     name=st.sampled_from(sorted(NETWORKS)),
     runtime=st.sampled_from(list(RUNTIMES)),
+    events_per_tick=st.sampled_from(list(EVENTS_PER_TICK)),
     seed=st.integers(0, 2**64 - 1),
     ticks=st.integers(1, 50),
     through_files=st.booleans(),
     data=st.data(),
 )
 def test_any_cut(
-    name: str, runtime: str, seed: int, ticks: int, through_files: bool, data: st.DataObject
+    name: str,
+    runtime: str,
+    events_per_tick: str,
+    seed: int,
+    ticks: int,
+    through_files: bool,
+    data: st.DataObject,
 ) -> None:
-    one, light = model(name, runtime), film(seed % 2**32, ticks)
+    one, light = model(name, runtime, events_per_tick), film(seed % 2**32, ticks)
     cuts = sorted(data.draw(st.sets(st.integers(1, ticks), max_size=6)) - {ticks})
     whole = by_ticks(one, light, seed)
     assert by_chunks(one, light, seed, cuts, through_files) == whole

@@ -100,26 +100,34 @@ def test_currents_are_those_of_the_plain_network(name: str) -> None:
         assert np.max(np.abs(found.currents - expected)) < 1e-5 * max(1, np.max(np.abs(expected)))
 
 
-@pytest.mark.parametrize("name", NETWORKS)
-def test_sparse_is_dense_on_every_instruction_set_thread_and_cut(name: str) -> None:
-    weights, film = NETWORKS[name], light(72)
-    whole = stream(run(model(weights, sparse=False, threads=1), film, cut=32))
+@pytest.mark.parametrize(
+    ("name", "events_per_tick"),
+    [*((name, "one") for name in NETWORKS), *((name, "many") for name in ("8", "4", "paper"))],
+)
+def test_sparse_is_dense_on_every_instruction_set_thread_and_cut(
+    name: str, events_per_tick: str
+) -> None:
+    weights, film, rule = NETWORKS[name], light(72), {"events_per_tick": events_per_tick}
+    whole = stream(run(model(weights, sparse=False, threads=1, **rule), film, cut=32))
     assert sum(len(tick) for tick in whole[1]) > 16 * 100  # type: ignore[attr-defined]
     for isa, sparse, (cut, threads) in product(
         _core.isa_available(), (True, False), ((32, 2), (7, 3))
     ):
-        other = model(weights, isa=isa, sparse=sparse, threads=threads)
+        other = model(weights, isa=isa, sparse=sparse, threads=threads, **rule)
         assert stream(run(other, film, cut=cut)) == whole, (isa, sparse, cut)
 
 
-@pytest.mark.parametrize("name", ["8", "centred", "3, 1 block", "biased"])
-def test_any_cut_and_thread_leaves_the_same_state(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "events_per_tick"),
+    [("8", "one"), ("8", "many"), ("centred", "one"), ("3, 1 block", "one"), ("biased", "many")],
+)
+def test_any_cut_and_thread_leaves_the_same_state(name: str, events_per_tick: str) -> None:
     """Also who has which row of the memory, and how many there are."""
-    weights, film = NETWORKS[name], light(170)
-    whole = run(model(weights), film, cut=1)
+    weights, film, rule = NETWORKS[name], light(170), {"events_per_tick": events_per_tick}
+    whole = run(model(weights, **rule), film, cut=1)
     assert whole.state.clamped > 0
     for cut, threads in ((8, 1), (16, 2), (31, 3), (32, 1), (170, 2)):
-        found = run(model(weights, threads=threads), film, cut=cut)
+        found = run(model(weights, threads=threads, **rule), film, cut=cut)
         assert stream(found) == stream(whole), cut
         assert found.state == whole.state, cut
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from evs.emulator import _core
 from evs.emulator.base.scene import F32
+from evs.emulator.evsnet.bilif import EVENTS_PER_TICK
 from evs.emulator.evsnet.model import EvsNetModel
 from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters
@@ -45,6 +46,7 @@ def film(seed: int, ticks: int, height: int, width: int, moving: float) -> F32:
     biased=st.booleans(),
     size=st.tuples(st.integers(1, 9), st.integers(1, 37)),
     moving=st.sampled_from([0.01, 0.1, 0.8]),
+    events_per_tick=st.sampled_from(list(EVENTS_PER_TICK)),
     data=st.data(),
 )
 def test_nothing_that_it_may_choose_shows(
@@ -55,19 +57,22 @@ def test_nothing_that_it_may_choose_shows(
     biased: bool,
     size: tuple[int, int],
     moving: float,
+    events_per_tick: str,
     data: st.DataObject,
 ) -> None:
     height, width = size
     weights = random_network(seed, channels, blocks, biased=biased, look_ahead=look_ahead)
     sensor = SensorParameters("test", width, height, 0.15, 0.3)
     light = film(seed, data.draw(st.integers(1, 120)), height, width, moving)
-    plain = EvsNetModel(sensor, weights, sparse=False, isa="portable", threads=1)
+    rule = {"events_per_tick": events_per_tick}
+    plain = EvsNetModel(sensor, weights, sparse=False, isa="portable", threads=1, **rule)
     expected, dense = plain.step_chunk(light, plain.init(seed), 0, 1000)
 
     states = []
     for _ in range(2):
         isa = data.draw(st.sampled_from(_core.isa_available()))
-        other = EvsNetModel(sensor, weights, isa=isa, threads=data.draw(st.integers(1, 3)))
+        threads = data.draw(st.integers(1, 3))
+        other = EvsNetModel(sensor, weights, isa=isa, threads=threads, **rule)
         state, found = other.init(seed), []
         cuts = sorted(data.draw(st.sets(st.integers(1, len(light)), max_size=5)) - {len(light)})
         for first, last in zip([0, *cuts], [*cuts, len(light)], strict=True):

@@ -99,6 +99,7 @@ RENDERS = st.builds(
 MODELS = st.sampled_from([
     ModelConfig(), ModelConfig(labels=True), ModelConfig(name="adaptive"),
     ModelConfig(name="evsnet"), ModelConfig(name="evsnet", initial_state="zero"),
+    ModelConfig(name="evsnet", events_per_tick="many"),
 ])  # fmt: skip
 DELAYS = st.builds(
     DelayConfig,

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from evs.emulator.base.scene import F32
-from evs.emulator.evsnet.bilif import BiLIF, decay_tables
+from evs.emulator.evsnet.bilif import BiLIF, decay_per_tick, decay_tables
 from evs.emulator.evsnet.model import EvsNetModel
 from evs.emulator.evsnet.state import NetworkState
 from evs.msgs import Events
@@ -42,8 +43,9 @@ class Agreement:
     stamps_off: int
     """pairs whose stamps differ by more than 1 us, at pixels without a tie before"""
     misplaced: int
-    """pairs of `stamps_off` that a difference of CLOSE in the membrane does not explain: it shifts
-    the time at which the threshold is reached, the more, the smaller the current"""
+    """pairs of `stamps_off` that a difference of CLOSE in the membrane does not explain, nor what
+    the differences of the currents have added up to: it shifts the time at which the threshold is
+    reached, the more, the smaller the current"""
 
 
 def run(model: EvsNetModel, light: F32, seed: int = 1, cut: int = 16) -> Run:
@@ -74,39 +76,58 @@ def compare(model: EvsNetModel, one: Run, other: Run, seed: int = 1) -> Agreemen
     scale = np.maximum(1.0, np.max(np.abs(one.currents), axis=0))
     # whatever follows a tie at the same pixel is a consequence of it
     tied: dict[tuple[int, int], int] = {}
-    for tick, y, x, _ in unpaired:
+    for tick, y, x, *_ in unpaired:
         tied.setdefault((y, x), tick)
     untied = sum(not near[tick, y, x] for (y, x), tick in tied.items())
+    apart = _membrane_error(model, one.currents, other.currents)
     stamps_off = misplaced = 0
-    for tick, y, x, p in first.keys() & second.keys():
-        off_us = abs(first[tick, y, x, p] - second[tick, y, x, p])
+    for key in first.keys() & second.keys():
+        tick, y, x, *_ = key
+        off_us = abs(first[key] - second[key])
         if off_us > 1 and tick < tied.get((y, x), len(one.currents)):
             stamps_off += 1
             charge = abs(float(one.currents[tick, y, x]))
-            misplaced += off_us > 1 + CLOSE * model.weights.tick_us / charge
+            reach = max(CLOSE, float(apart[tick, y, x]))
+            misplaced += off_us > 1 + reach * model.weights.tick_us / charge
     error = float(np.max(np.abs(one.currents - other.currents) / scale))
     return Agreement(error, len(first), len(unpaired), untied, stamps_off, misplaced)
 
 
-def _keyed(events: list[Events]) -> dict[tuple[int, int, int, int], int]:
-    """Return (tick, y, x, polarity) -> stamp, us."""
-    found = {}
+def _keyed(events: list[Events]) -> dict[tuple[int, int, int, int, int], int]:
+    """Return (tick, y, x, polarity, number in the tick) -> stamp, us."""
+    found: dict[tuple[int, int, int, int, int], int] = {}
     for tick, some in enumerate(events):
+        seen: Counter[tuple[int, int, int]] = Counter()
         columns = (some[key].tolist() for key in ("y", "x", "p", "t"))
-        found |= {(tick, y, x, p): t for y, x, p, t in zip(*columns, strict=True)}
+        for y, x, p, t in zip(*columns, strict=True):
+            found[tick, y, x, p, seen[y, x, p]] = t
+            seen[y, x, p] += 1
     return found
 
 
+def _membrane_error(model: EvsNetModel, one: F32, other: F32) -> np.ndarray[Any, Any]:
+    """What differences of currents add up to in membranes, behind the leak: (ticks, h, w)."""
+    leak = decay_per_tick(model.weights.tau_s, model.weights.tick_us)
+    held = np.zeros(one.shape[1:])
+    apart = np.empty(one.shape)
+    for tick, change in enumerate(one.astype(np.float64) - other):
+        held = leak * held + change
+        apart[tick] = np.abs(held)
+    return apart
+
+
 def _near_threshold(model: EvsNetModel, currents: F32, seed: int) -> np.ndarray[Any, Any]:
-    """Where the oracle's own membrane is within CLOSE of a threshold: (ticks, h, w) bool."""
+    """Where the oracle's own membrane is within CLOSE of another count: (ticks, h, w) bool."""
     weights, sensor = model.weights, model.sensor
     on, off = sensor.pos_thres / weights.threshold, sensor.neg_thres / weights.threshold
     decay = decay_tables(weights.tau_s, weights.tick_us)
-    unit = BiLIF(np.float32(on), np.float32(off), decay)
+    most = model.most_events
+    unit = BiLIF(np.float32(on), np.float32(off), decay, most)
     state = model.init(seed)
     near = np.zeros(currents.shape, bool)
     for tick, current in enumerate(currents):
         v = decay(state.v.ravel(), tick - state.last.ravel()).reshape(current.shape) + current
-        near[tick] = np.minimum(np.abs(v - on), np.abs(v + off)) < CLOSE
+        up, down = (np.clip(np.round(part), 1, most) for part in (v / on, -v / off))
+        near[tick] = np.minimum(np.abs(v - up * on), np.abs(v + down * off)) < CLOSE
         unit.step(current, state.v, state.last, tick, 0, weights.tick_us)
     return near
