@@ -40,6 +40,7 @@ NUMBERS = {
 NAMES = {
     "runtime": "runtime of networks: native, onnxruntime, reference",
     "provider": "execution provider of onnxruntime: cpu, cuda, tensorrt, openvino, coreml",
+    "events-per-tick": "events of a network's pixel per tick: one, as in the paper, or many",
 }
 
 
@@ -53,7 +54,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     for name, line in NUMBERS.items():
         add(f"--{name}", type=int, metavar="N", help=line, dest=name.replace("-", "_"))
     for name, line in NAMES.items():
-        add(f"--{name}", metavar="NAME", help=line)
+        add(f"--{name}", metavar="NAME", help=line, dest=name.replace("-", "_"))
     add("--quick", action="store_true", help="two scenes, few pixels: under two minutes")
     add("--cache", metavar="DIR", help="folder for traced light (the user's cache folder)")
     add("--json", metavar="FILE", help="write everything that was measured")
@@ -123,7 +124,7 @@ def _settings(args: argparse.Namespace, settings: Any) -> Any:
         if text is not None:
             words = [word.strip() for word in text.split(",") if word.strip()]
             changes[name] = tuple(_whole(name, words) if name == "spp" else words)
-    for name in (*(name.replace("-", "_") for name in NUMBERS), *NAMES):
+    for name in (name.replace("-", "_") for name in (*NUMBERS, *NAMES)):
         if getattr(args, name) is not None:
             changes[name] = getattr(args, name)
     if args.network is not None:

@@ -198,6 +198,7 @@ def _configure_fit(parser: argparse.ArgumentParser) -> None:
     add("--seeds", type=int, default=1, metavar="N", help="train N networks, keep the best (1)")
     add("--spp", type=int, metavar="N", help="for light of N fresh samples alone: NAME_Nspp")
     add("--look-ahead", type=int, metavar="N", help="future ticks that the network reads, 0 ... 21")
+    add("--events-per-tick", metavar="NAME", help="of a pixel: one, as in the paper, or many (one)")
     add("--noisy-truth", action="store_true", help="learn a real sensor's noise too")
     add(
         "--checkpoint",
@@ -287,5 +288,7 @@ def _recipe(args: argparse.Namespace) -> Recipe:
         recipe = recipe.of_spp(args.spp)
     if args.look_ahead is not None:
         recipe = recipe.with_look_ahead(args.look_ahead)
+    if args.events_per_tick is not None:
+        recipe = recipe.with_events_per_tick(args.events_per_tick)
     changes = {key: getattr(args, key) for key in ("steps", "batch") if getattr(args, key)}
     return dataclasses.replace(recipe, **changes, noisy_truth=args.noisy_truth)

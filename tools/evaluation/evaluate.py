@@ -56,6 +56,8 @@ class EvaluationSettings:
     reference_spp: int = 1024
     runtime: str = "native"
     provider: str = "cpu"
+    events_per_tick: str = "one"
+    """of the networks, as model.events_per_tick"""
     threads: int = 0
     seed: int = 0
     size: tuple[int, int] = SIZE
@@ -84,7 +86,7 @@ class EvaluationSettings:
     @property
     def how(self) -> RuntimeOptions:
         """How models are run."""
-        return RuntimeOptions(self.threads, self.runtime, self.provider)
+        return RuntimeOptions(self.threads, self.runtime, self.provider, self.events_per_tick)
 
     @property
     def measured_ticks(self) -> int:

@@ -53,6 +53,7 @@ class RuntimeOptions:
     runtime: str = "native"
     provider: str = "cpu"
     """onnxruntime's execution provider"""
+    events_per_tick: str = "one"
 
 
 @dataclass(frozen=True)
@@ -184,6 +185,7 @@ def network(weights: Network, how: RuntimeOptions, name: str = "") -> ModelUnder
             provider=how.provider,
             threads=how.threads,
             initial="zero",
+            events_per_tick=how.events_per_tick,
         )
 
     # fail before anything is rendered

@@ -233,6 +233,9 @@ def _begin(recipe: Recipe, seed: int, stepper: Stepper, path: Path) -> Checkpoin
     for key in ("steps", "name"):
         # more steps of the same are no other training
         of["recipe"].pop(key)
+    if recipe.architecture.events_per_tick == "one":
+        # as before there was another
+        of["recipe"]["architecture"].pop("events_per_tick")
     fresh = Checkpoint(
         parameters=start,
         optimiser=stepper.start(start),

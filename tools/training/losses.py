@@ -1,8 +1,8 @@
 """The paper's losses, equations 7 ... 11, and terms beside them.
 
 All sequences are (K, P): ticks down, pixels across, one polarity each, whole numbers as float32.
-Predicted ones are 0 or 1 (with surrogate gradients), true ones may be more. A loss is per pixel,
-(P,), in events; nothing is averaged here.
+Predicted ones have surrogate gradients; they are 0 or 1 unless a pixel may fire more often. A loss
+is per pixel, (P,), in events; nothing is averaged here.
 """
 
 from __future__ import annotations

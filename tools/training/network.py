@@ -20,6 +20,7 @@ from jax import Array, lax
 
 from evs.emulator.base.scene import F32
 from evs.emulator.evsnet import Block, Convolution, NetworkWeights
+from evs.emulator.evsnet.bilif import most_events
 from evs.emulator.evsnet.weights import KERNEL_SIZE
 from evs.msgs import EvsError
 
@@ -48,9 +49,12 @@ class Architecture:
     odd: bool = False
     """inverted contrast exchanges ON and OFF and changes nothing else: channels are mirrored pairs,
     and only one of each pair is learnt (`mirrored`). Not with biases; C is even"""
+    events_per_tick: str = "one"
+    """of a pixel, as model.events_per_tick"""
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
+        most_events(self.events_per_tick)
         if self.odd and (self.biased or self.channels % 2):
             raise EvsError("an odd network has an even number of channels and no biases")
 
@@ -94,8 +98,16 @@ def _surrogate(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Ar
     return fires(over), slope * tangent
 
 
-def bilif(current: Array, start: Array, decay: Array) -> tuple[Array, Array]:
-    """Equations 2 and 3 with V_th = 1: (K, P) ON and OFF spikes, 0 or 1, of (K, P) currents.
+def spikes_of(charged: Array, most: int) -> Array:
+    """Whole thresholds of 1 in V', at most so many, with the surrogate of the nearest one."""
+    if most == 1:
+        return fires(charged - 1)
+    nearest = jnp.clip(jnp.round(lax.stop_gradient(charged)), 1, most)
+    return nearest - 1 + fires(charged - nearest)
+
+
+def bilif(current: Array, start: Array, decay: Array, most: int = 1) -> tuple[Array, Array]:
+    """Equations 2 and 3 with V_th = 1: (K, P) ON and OFF spikes, 0 ... most, of (K, P) currents.
 
     V' = d V + I; ON where V' >= 1, OFF where V' <= -1; V = V' - S.
 
@@ -106,11 +118,12 @@ def bilif(current: Array, start: Array, decay: Array) -> tuple[Array, Array]:
         current: input current.
         start: (P,), V(0).
         decay: of the membrane per tick.
+        most: events of a pixel in a tick.
     """
 
     def tick(v: Array, current: Array) -> tuple[Array, tuple[Array, Array]]:
         charged = jnp.clip(decay * v + current, -MOST_V, MOST_V)
-        on, off = fires(charged - 1), fires(-charged - 1)
+        on, off = spikes_of(charged, most), spikes_of(-charged, most)
         return charged - on + off, (on, off)
 
     # V(0) is that of the first tick, where nothing has decayed yet
@@ -189,7 +202,8 @@ def stream(
         first: first tick that is returned.
     """
     decay = decay_of(parameters["log_tau"], architecture.tick_us)
-    return bilif(currents(parameters, x, architecture, first).T, start, decay)
+    current = currents(parameters, x, architecture, first).T
+    return bilif(current, start, decay, most_events(architecture.events_per_tick))
 
 
 def to_weights(

@@ -88,6 +88,11 @@ class Recipe:
         architecture = dataclasses.replace(self.architecture, look_ahead=look_ahead)
         return dataclasses.replace(self, architecture=architecture)
 
+    def with_events_per_tick(self, events_per_tick: str) -> Recipe:
+        """The same for a network whose pixels fire so often, as model.events_per_tick."""
+        architecture = dataclasses.replace(self.architecture, events_per_tick=events_per_tick)
+        return dataclasses.replace(self, architecture=architecture)
+
 
 OURS = Terms(count=0.1, calibration=0.02, edge=16.0, silence=0.3, silence_ticks=6)
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.scene import F32, U8
+from evs.emulator.evsnet.bilif import most_events
 from evs.emulator.sensor import resolve_sensor
 from evs.emulator.sensor.pixel import log_light
 from evs.msgs import EvsError
@@ -29,8 +30,8 @@ MEMORY_BYTES = 4 * 2**30
 """of prepared shards; if there are more, they take turns"""
 MOST_EVENTS = 100
 MOST_EXTRA = 20
-"""Pixels with more true events, or with more events in excess of one a tick, are left out: BiLIF
-fires once a tick and cannot follow them."""
+"""Pixels with more true events, or with more events in excess of what a pixel may fire in a tick,
+are left out: the network cannot follow them. The first is for one event per tick alone."""
 ROUND_STEPS = 500
 """steps between turns"""
 
@@ -86,7 +87,7 @@ def prepare(shard: Shard, recipe: Recipe, linlog_dn: float) -> Prepared:
     light = [shard.variant(one.spp, one.seeds).T for one in recipe.variants]
     x = differences(np.ascontiguousarray(np.stack(light)), linlog_dn)
     counts = shard.noisy_counts if recipe.noisy_truth else shard.counts
-    slow = followable(counts)
+    slow = followable(counts, recipe.architecture.events_per_tick)
     # without biases constant light has no events and no gradient: there is nothing to learn
     biased = recipe.architecture.biased
     still = np.zeros(x.shape[:2], np.bool_) if biased else np.logical_not(x.any(axis=2))
@@ -131,11 +132,13 @@ def true_membranes(shard: Shard, tick: int, linlog_dn: float) -> F32:
     return standing
 
 
-def followable(counts: U8) -> npt.NDArray[np.bool_]:
-    """Which pixels of (2, K, P) true events a network with one event a tick can follow, (P,)."""
+def followable(counts: U8, events_per_tick: str) -> npt.NDArray[np.bool_]:
+    """Which pixels of (2, K, P) true events a network with such pixels can follow, (P,)."""
+    most = most_events(events_per_tick)
     ticks = counts.sum(0, dtype=np.int64)
-    extra = np.maximum(ticks - 1, 0).sum(0)
-    found: npt.NDArray[np.bool_] = (ticks.sum(0) <= MOST_EVENTS) & (extra <= MOST_EXTRA)
+    found: npt.NDArray[np.bool_] = np.maximum(ticks - most, 0).sum(0) <= MOST_EXTRA
+    if most == 1:
+        found &= ticks.sum(0) <= MOST_EVENTS
     return found
 
 
@@ -255,7 +258,8 @@ def sample_held_out(
     for place, path in enumerate(examples.held_out):
         scene = prepare(read_shard(path), recipe, examples.linlog_dn)
         rng = np.random.default_rng([examples.settings.seed, 3, place])
-        slow = np.flatnonzero(followable(scene.counts.transpose(1, 2, 0)))
+        rule = recipe.architecture.events_per_tick
+        slow = np.flatnonzero(followable(scene.counts.transpose(1, 2, 0), rule))
         chosen = np.sort(rng.permutation(slow)[:each])
         seen = scene.x[:, chosen]
         if scene.true_x is not None:

@@ -87,13 +87,17 @@ def test_membranes_stand_where_the_true_pixels_do(folder: Path, tick: int) -> No
 def test_pixels_that_no_network_can_follow_are_left_out(folder: Path) -> None:
     shard = Shards(folder)[1]
     counts = shard.counts.copy()
-    counts[:, :, 9:12] = 0
+    counts[:, :, 9:13] = 0
     counts[0, 1:, 9] = 2
     counts[1, 10:20, 10] = 4
     counts[1, 10:20, 11] = 3
-    held = prepare(dataclasses.replace(shard, counts=counts), RECIPE, LINLOG_DN)
+    counts[0, 3, 12] = 90
+    shard = dataclasses.replace(shard, counts=counts)
     assert counts[:, :, 9].sum() > module.MOST_EVENTS
-    assert set(range(24)) - set(held.live[1]) == {9, 10}
+    # 26 of the 90 events are more than 64
+    for recipe, left_out in ((RECIPE, {9, 10, 12}), (RECIPE.with_events_per_tick("many"), {12})):
+        held = prepare(shard, recipe, LINLOG_DN)
+        assert set(range(24)) - set(held.live[1]) == left_out
 
 
 def test_a_batch_follows_from_seed_and_step(folder: Path) -> None:

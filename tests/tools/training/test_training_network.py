@@ -15,7 +15,15 @@ from jax import lax
 from evs.emulator.evsnet import NetworkWeights
 from evs.msgs import EvsError
 from evs.tools.training import network
-from evs.tools.training.network import Architecture, bilif, convolve, currents, fires, stream
+from evs.tools.training.network import (
+    Architecture,
+    bilif,
+    convolve,
+    currents,
+    fires,
+    spikes_of,
+    stream,
+)
 from reference.networks import random_network
 
 # one compilation each, where eager calls compile every operation
@@ -110,26 +118,30 @@ def test_the_convolution_and_its_gradients_are_the_library_s(
         assert float(jnp.abs(mine - theirs).max()) < 1e-4
 
 
-def test_bilif_is_equations_2_and_3() -> None:
+@pytest.mark.parametrize("most", [1, 2, 64])
+def test_bilif_is_equations_2_and_3(most: int) -> None:
     rng = np.random.default_rng(2)
     current = rng.normal(0, 0.7, (200, 30)).astype(np.float32)
     current[50:60] = 40.0
     start = rng.uniform(-1, 1, 30).astype(np.float32)
     decay = np.float32(math.exp(-0.001 / 0.3))
-    on, off = map(np.asarray, bilif(jnp.asarray(current), jnp.asarray(start), jnp.float32(decay)))
+    given = jnp.asarray(current), jnp.asarray(start), jnp.float32(decay)
+    on, off = map(np.asarray, bilif(*given, most))
     v = start.astype(np.float64) / decay
     ties = 0
     for k in range(200):
         charged = np.clip(decay * v + current[k], -64, 64)
-        spike = np.where(charged >= 1, 1, np.where(charged <= -1, -1, 0))
-        near = np.abs(np.abs(charged) - 1) < 1e-4
+        spike = np.clip(np.trunc(charged), -most, most)
+        near = np.abs(np.abs(charged) - np.clip(np.round(np.abs(charged)), 1, most)) < 1e-4
         ties += int(near.sum())
         told = on[k] - off[k]
         assert np.array_equal(told[~near], spike[~near])
         v = charged - told
     assert ties < 20
     assert on.sum() > 400
-    assert set(np.unique(on)) | set(np.unique(off)) == {0.0, 1.0}
+    told = {int(n) for n in np.unique([on, off])}
+    assert told <= set(range(most + 1))
+    assert max(told) == min(most, 40)
 
 
 @pytest.mark.parametrize(
@@ -144,6 +156,15 @@ def test_the_surrogate_is_the_arctangent(over: float, fired: int, slope: float |
     step = 1e-5
     expected = (sigma(over + step) - sigma(over - step)) / (2 * step)
     assert float(derivative) == pytest.approx(expected if slope is None else slope, rel=1e-4)
+
+
+def test_the_surrogate_of_many_spikes_is_that_of_the_nearest_threshold() -> None:
+    charged = np.array([-3.0, 0.2, 0.9, 1.0, 1.3, 1.7, 2.2, 62.6, 64.0, 70.0], np.float32)
+    nearest = np.array([1, 1, 1, 1, 1, 2, 2, 63, 64, 64])
+    values, slopes = jax.vmap(jax.value_and_grad(lambda v: spikes_of(v, 64)))(charged)
+    assert np.array_equal(values, np.clip(np.floor(charged), 0, 64))
+    expected = network.ALPHA / 2 / (1 + (math.pi / 2 * network.ALPHA * (charged - nearest)) ** 2)
+    assert np.asarray(slopes) == pytest.approx(expected, rel=1e-4)
 
 
 def test_spikes_have_equation_4_s_gradient_and_the_reset_takes_part() -> None:
