@@ -207,6 +207,7 @@ def test_light_is_that_of_whole_pictures(scene: Path, tmp_path: Path) -> None:
         (["--reference-spp", "5"], "the reference of 5 spp cannot be halved"),
         (["--ticks", "2"], "ticks is 2; give 3"),
         (["--pixels", "20000"], "pixels is 20000; give"),
+        (["--events-per-tick", "few"], "no number of events per tick 'few'; there is: "),
         (["--picture", "x.gif"], "--picture is 'x.gif': end it in .png"),
         (["--json", "nowhere/x.json"], "there is no folder 'nowhere'"),
         (["mine.onnx"], "mine.onnx"),

@@ -35,6 +35,7 @@ def test_the_recipes_named_in_the_help_are_those_there_are() -> None:
         (["--spp", "3"], "there is no light of 3 spp"),
         (["--minutes", "-1"], "minutes is -1"),
         (["--look-ahead", "22"], "look-ahead is 22"),
+        (["--events-per-tick", "few"], "no number of events per tick 'few'; there is: "),
         (["--seeds", "0"], "--seeds"),
         (["--seeds", "2", "--checkpoint", "a.npz"], "--checkpoint belongs to one training"),
         (["--name", "a/b"], "--name"),

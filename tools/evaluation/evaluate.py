@@ -11,6 +11,7 @@ import numpy as np
 
 from evs.drivers.run.report import versions
 from evs.emulator.base.scene import F32
+from evs.emulator.evsnet.bilif import most_events
 from evs.emulator.sensor.pixel import log_light
 from evs.emulator.state.versions import versions as emulator_versions
 from evs.msgs import Events, EvsError
@@ -65,6 +66,7 @@ class EvaluationSettings:
 
     def __post_init__(self) -> None:
         scenes.check_names(self.scenes)
+        most_events(self.events_per_tick)
         if not self.models and self.network is None:
             raise EvsError("no model is given; give for example plain,adaptive")
         for spp in self.spp:

@@ -75,7 +75,8 @@ def test_the_patch_knows_neighbours(clip: Clip) -> None:
     assert math.isnan(found.delay_us)
 
 
-def test_a_model_sees_each_pixel_alone_and_its_latency_is_taken_off() -> None:
+@pytest.mark.parametrize("events_per_tick", ["one", "many"])
+def test_a_model_sees_each_pixel_alone_and_its_latency_is_taken_off(events_per_tick: str) -> None:
     steps = np.zeros((60, 3), np.int64)
     steps[20:, 0], steps[30:, 1], steps[30:, 2] = 1, -2, 0
     light = light_of_steps(steps)
@@ -89,12 +90,13 @@ def test_a_model_sees_each_pixel_alone_and_its_latency_is_taken_off() -> None:
     assert ((off["t"] > 29_000) & (off["t"] <= 30_000)).all()
 
     weights = random_network(5, 4, look_ahead=3)
-    tested = models.network(weights, models.RuntimeOptions(1, "reference"), "mine")
+    rule = {"events_per_tick": events_per_tick}
+    tested = models.network(weights, models.RuntimeOptions(1, "reference", **rule), "mine")
     assert (tested.name, tested.latency_ticks) == ("mine", 21)
     out = models.run(tested, light)
     assert out.ms_per_tick > 0
     sensor = replace(models.sensor_of(3), width=3, height=1)
-    model = EvsNetModel(sensor, weights, runtime="reference", initial="zero")
+    model = EvsNetModel(sensor, weights, runtime="reference", initial="zero", **rule)
     raw, _ = model.step_chunk(light[:, np.newaxis], model.init(0), -1000, 1000)
     wanted = join_events(raw)
     assert len(wanted) > 0
