@@ -72,6 +72,14 @@ def assert_is(
     assert_same_picture("light", light, np.array(known), tmp_path, sharp)
 
 
+def assert_mean_is(stage: Stage, expected: float) -> None:
+    """The mean light is `expected`, within its noise and 2e-4 of quadrature."""
+    means = path_batches(stage, 16, 64).mean((1, 2)) / expected
+    error = means.std(ddof=1) / 4
+    assert error < 0.002, "too noisy"
+    assert abs(means.mean() - 1) < 4 * error + 2e-4
+
+
 @pytest.mark.parametrize("bounces", [0, 3])
 @pytest.mark.parametrize("albedo", [1.0, 0.4])
 @pytest.mark.parametrize("shape", SIZES)
@@ -110,6 +118,51 @@ def test_gloss_in_even_light(shininess: float, degrees: float, tmp_path: Path) -
     alpha = float(np.sqrt(2 / (128 * shininess + 2)))
     share = 0.92 * 0.3 + 0.08 * ggx_albedo(float(np.cos(tilt)), alpha)
     assert_is(stage, CLOUDS[0] * share, tmp_path, spp=256, sharp=0.002)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 60.0])
+@pytest.mark.parametrize("roughness", [0.4, 0.6, 1.0])
+def test_rough_metal_in_even_light_loses_what_facets_reflect_twice(
+    roughness: float, degrees: float
+) -> None:
+    made = Builder()
+    made.add(Shape.PLANE, (0, 0, 1), (0, 0, 0), matt(1.0, metallic=1.0, roughness=roughness))
+    clouds(made)
+    tilt = np.deg2rad(degrees)
+    eye = (0.0, -3 * np.sin(tilt), 3 * np.cos(tilt))
+    stage = look(made, eye, (0, 0, 0), 2, fovy_deg=0.5, orthographic=True)
+    assert_mean_is(stage, CLOUDS[0] * ggx_albedo(float(np.cos(tilt)), roughness**2, 150))
+
+
+def test_the_page_says_how_much_rough_metal_loses(pytestconfig: pytest.Config) -> None:
+    page = (pytestconfig.rootpath / "docs" / "explanation" / "light.md").read_text("utf-8")
+    albedos = [f"{ggx_albedo(1.0, roughness**2, 150):.2f}" for roughness in (0.4, 0.6, 1.0)]
+    said = "reflects {}, {} and {} of even light at roughness 0.4, 0.6 and 1".format(*albedos)
+    assert said in " ".join(page.split())
+
+
+@pytest.mark.parametrize("roughness", [0.05, 0.2, 0.5])
+def test_a_metal_reflects_a_wide_bulb(roughness: float) -> None:
+    # its mirror image is in the middle of the bulb
+    distance, radius, strength = 2.0, 0.4, 3.0
+    eye, bulb = np.array([0, -0.8, 0.6]), np.array([0, 0.8, 0.6])
+    made = Builder()
+    made.add(Shape.PLANE, (0, 0, 1), (0, 0, 0), matt(1.0, metallic=1.0, roughness=roughness))
+    place = tuple(distance * bulb)
+    made.shine(LightKind.POINT, place, diffuse=(strength,) * 3, bulbradius_m=radius)
+    stage = look(made, tuple(eye), (0, 0, 0), 0, fovy_deg=0.002, orthographic=True)
+    # integrate over the cone of the bulb, with more nodes in its middle
+    node, weight = np.polynomial.legendre.leggauss(200)
+    u = (node + 1) / 2
+    angle, turn = np.arcsin(radius / distance) * u**2, np.pi * (node + 1)
+    across, up = np.array([1.0, 0, 0]), np.cross(bulb, [1.0, 0, 0])
+    around = np.cos(turn)[:, np.newaxis] * across + np.sin(turn)[:, np.newaxis] * up
+    w = np.cos(angle)[:, np.newaxis, np.newaxis] * bulb
+    w = w + np.sin(angle)[:, np.newaxis, np.newaxis] * around
+    step = np.arcsin(radius / distance) * u * weight * np.sin(angle)
+    f_cos = ggx(np.broadcast_to(eye, w.shape), w, roughness**2) * w[..., 2]
+    share = np.einsum("ij,i,j->", f_cos, step, np.pi * weight)
+    assert_mean_is(stage, strength / radius**2 * share)
 
 
 @pytest.mark.parametrize("shininess", [0.0, 0.05, 0.5])

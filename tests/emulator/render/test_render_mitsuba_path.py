@@ -19,7 +19,13 @@ from reference.stage import Stage
 
 pytestmark = [pytest.mark.slow, pytest.mark.statistical]
 BATCHES = 16
-SPP = {"glass": (256, 256), "room": (128, 128), "embers": (128, 256), "metals": (128, 128)}
+SPP = {
+    "glass": (256, 256),
+    "room": (128, 128),
+    "embers": (128, 256),
+    "metals": (128, 128),
+    "metal_bulb": (128, 128),
+}
 """Samples a batch, ours and Mitsuba's, where 64 are too few."""
 
 

@@ -204,6 +204,19 @@ def metals() -> Stage:
     return _look(made, (0.0, -2.8, 1.2), (0, 0, 0.3), 1)
 
 
+def metal_bulb() -> Stage:
+    """Physical materials in the light of a bulb, which is wider than their narrowest lobes."""
+    made = Builder()
+    rough = matt_rgb((0.3, 0.35, 0.4), metallic=0.0, roughness=0.6)
+    made.add(Shape.PLANE, (0, 0, 1), (0, 0, 0), rough)
+    for x, metallic, roughness in ((-0.9, 1, 0.1), (-0.3, 1, 0.2), (0.3, 0, 0.15), (0.9, 1, 1)):
+        look = matt_rgb((0.9, 0.6, 0.2), metallic=float(metallic), roughness=float(roughness))
+        made.add(Shape.SPHERE, (0.28,), (x, 0, 0.28), look)
+    # behind the eye; the floor fills the picture, so that no pixel is nearly black
+    made.shine(LightKind.POINT, (1.0, -2.5, 2.6), diffuse=(9.0, 9.0, 9.0), bulbradius_m=0.6)
+    return _look(made, (0.0, -2.2, 2.0), (0, 0, 0.2), 0)
+
+
 def tiles() -> Stage:
     """A checker whose texels are wider than pixels, its colours on a ball beside it."""
     made = Builder()
@@ -294,6 +307,7 @@ PATH_STAGES = {
     "faint_mirror": faint_mirror,
     "glossy": glossy,
     "metals": metals,
+    "metal_bulb": metal_bulb,
     "tiles": tiles,
     "room": room,
     "swell": swell,

@@ -4,7 +4,8 @@
 //  1. Intersect the ray; add the environment's radiance where it misses.
 //  2. Add the radiance that an emissive surface emits, weighted by multiple importance sampling
 //  (balance heuristic) against light sampling.
-//  3. Add MuJoCo's lights: all of them at the first vertex, one chosen at random later.
+//  3. Add MuJoCo's lights: all of them at the first vertex, one chosen at random later. No ray sees
+//  their bulbs, so a bulb is sampled both directly and by the BSDF on the spot.
 //  4. Sample a point on an emitter, or a direction of the environment, with the same weights.
 //  5. Sample the BSDF and continue; Russian roulette ends paths from ROULETTE_START_DEPTH on.
 #pragma once
@@ -88,15 +89,12 @@ inline void add_lamp(const Frame& f, const PathFrame& p, const Bsdf& s, Vec d,
     }
   }
   if (is_bulb(light)) {
-    // sample a point on a bulb, which gives as much light as an emissive sphere
-    Float square = in.distance * in.distance, distance_to_bulb;
+    // sample a direction to a bulb, which gives as much light as an emissive sphere
     Mask outside = in.distance > light.radius;
-    Vec wi = sample_cone(in.wi, in.distance, light.radius, u_point, distance_to_bulb);
-    Float share = 2.0f * one_minus_cos_cone(square, light.radius) * square *
-                  (1.0f / (light.radius * light.radius));
-    in.wi = select(outside, wi, in.wi);
-    in.distance = select(outside, max(distance_to_bulb, splat(0.0f)), in.distance);
-    in.strength = select(outside, in.strength * share, in.strength);
+    BulbSample sample = sample_bulb(s, d, in.wi, in.distance, light.radius, u_point, lit & outside);
+    in.wi = select(outside, sample.wi, in.wi);
+    in.distance = select(outside, max(sample.distance, splat(0.0f)), in.distance);
+    in.strength = select(outside, in.strength * sample.share, in.strength);
   }
   // trace shadow rays from the lanes that face the light
   Mask facing = lit & (dot(in.wi, s.normal) > 0.0f) &

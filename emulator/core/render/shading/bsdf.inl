@@ -98,6 +98,25 @@ EVS_INLINE Float smith_g1(Float cosine, Float alpha) {
   return 2.0f * cosine / (cosine + sqrt(alpha2 + (1.0f - alpha2) * cosine * cosine));
 }
 
+// pdf (per sr) of `sample_visible_normal` for w.
+EVS_INLINE Float visible_normal_pdf(const Bsdf& s, Vec d, Vec w) {
+  Float distribution = microfacet_distribution(s.normal, normalize(w - d), s.alpha) * (1.0f / PI);
+  return distribution * smith_g1(s.cos_outgoing, s.alpha) / (s.cos_outgoing * 4.0f);
+}
+
+// Sample a visible microfacet: uniform on the spherical cap that the stretched wo sees. In: a
+// number in [0, 1), and cosine and sine of a uniform angle. Out: wo mirrored in it, in the axes of
+// `s`.
+EVS_INLINE Vec sample_visible_normal(const Bsdf& s, Vec d, Float u, Float cosine, Float sine) {
+  Vec wo = {-dot(d, s.x), -dot(d, s.y), s.cos_outgoing};
+  Vec stretched = normalize({wo.x * s.alpha, wo.y * s.alpha, wo.z});
+  Float z = (1.0f - u) * (1.0f + stretched.z) - stretched.z;
+  Float ring = sqrt(min(max(1.0f - z * z, splat(0.0f)), splat(1.0f)));
+  Vec cap = {ring * cosine + stretched.x, ring * sine + stretched.y, z + stretched.z};
+  Vec microfacet = normalize({cap.x * s.alpha, cap.y * s.alpha, max(cap.z, splat(1e-7f))});
+  return microfacet * (2.0f * dot(microfacet, wo)) - wo;
+}
+
 struct BsdfValue {
   Float f_cos[3];  // f times the cosine of w, without the mirror
   Float pdf;       // of `sample_bsdf` for w, without the mirror, per sr
@@ -109,8 +128,7 @@ EVS_INLINE BsdfValue evaluate_bsdf(const Bsdf& s, Vec d, Vec w) {
   Mask above = cos_incoming > 0.0f;
   Float cosine = max(cos_incoming, splat(0.0f));
   // the VNDF pdf of w is D G1(wo) / (4 cos(wo)); times G1(w) and F it is f cos
-  Float distribution = microfacet_distribution(s.normal, normalize(w - d), s.alpha) * (1.0f / PI);
-  Float vndf_pdf = distribution * smith_g1(s.cos_outgoing, s.alpha) / (s.cos_outgoing * 4.0f);
+  Float vndf_pdf = visible_normal_pdf(s, d, w);
   Float specular = vndf_pdf * smith_g1(max(cosine, splat(1e-6f)), s.alpha);
   Float lambert = cosine * (1.0f / PI);
   for (int c = 0; c < 3; c++) {
@@ -138,14 +156,7 @@ EVS_INLINE BsdfSample sample_bsdf(const Bsdf& s, Vec d, Point2 u_lobe, Point2 u_
   Vec local = {radius * cosine, radius * sine, sqrt(max(1.0f - u_point.x, splat(0.0f)))};
   Mask specular_lobe = u_lobe.y < s.specular_probability;
   if (any(specular_lobe)) {
-    // sample a visible microfacet: uniform on the spherical cap that the stretched wo sees
-    Vec wo = {-dot(d, s.x), -dot(d, s.y), s.cos_outgoing};
-    Vec stretched = normalize({wo.x * s.alpha, wo.y * s.alpha, wo.z});
-    Float z = (1.0f - u_point.x) * (1.0f + stretched.z) - stretched.z;
-    Float ring = sqrt(min(max(1.0f - z * z, splat(0.0f)), splat(1.0f)));
-    Vec cap = {ring * cosine + stretched.x, ring * sine + stretched.y, z + stretched.z};
-    Vec microfacet = normalize({cap.x * s.alpha, cap.y * s.alpha, max(cap.z, splat(1e-7f))});
-    Vec bounced = microfacet * (2.0f * dot(microfacet, wo)) - wo;
+    Vec bounced = sample_visible_normal(s, d, u_point.x, cosine, sine);
     local = select(specular_lobe, bounced, local);
   }
   // transform it to the camera frame, or reflect it in the perfect mirror

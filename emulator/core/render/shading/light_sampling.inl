@@ -160,6 +160,77 @@ EVS_INLINE Vec sample_cone(Vec axis, Float distance, float radius, Point2 u_poin
   return normalize(across * (x * sine) + up * (y * sine) + axis * (1.0f - one_minus_cos));
 }
 
+// The probability of the specular lobe, instead of the bulb's cone, in `sample_bulb`: 0 where the
+// lobe's density is nowhere in the cone above the cone's own. In: the cone of `sample_cone`.
+inline Float bulb_lobe_probability(const Bsdf& s, Vec d, Vec axis, Float one_minus_cos,
+                                   Mask active) {
+  // most lobes are too wide wherever they point
+  Float zero = splat(0.0f), solid_angle = one_minus_cos * (2 * PI);
+  Float densest = smith_g1(s.cos_outgoing, s.alpha) /
+                  (s.cos_outgoing * s.alpha * s.alpha * (4 * PI)) * solid_angle;
+  Mask narrow = active & (s.specular_probability > 0.0f) & (densest > 1.0f);
+  if (!any(narrow)) return zero;
+  // the direction of the cone nearest to the mirror image, where the lobe is about at its densest
+  Float cos_cone = 1.0f - one_minus_cos;
+  Float sin_cone = sqrt(max(one_minus_cos * (2.0f - one_minus_cos), zero));
+  Vec image = d - s.normal * (dot(d, s.normal) * 2.0f);
+  Float cos_image = dot(image, axis);
+  Vec edge = axis * cos_cone + normalize(image - axis * cos_image) * sin_cone;
+  Float peak = visible_normal_pdf(s, d, select(cos_image > cos_cone, image, edge)) * solid_angle;
+  // light that the lobes reflect, if all of the specular lobe lies in the cone
+  Float specular = s.specular[0] + s.specular[1] + s.specular[2];
+  Float diffuse = (s.diffuse[0] + s.diffuse[1] + s.diffuse[2]) * (1.0f / PI) * solid_angle *
+                  max(dot(axis, s.normal), zero);
+  // a sample then weighs at most about as much as what both lobes together reflect
+  Float share = specular / max(specular + diffuse, splat(1e-20f));
+  return select(narrow & (peak > 1.0f), (1.0f - 1.0f / max(peak, splat(1.0f))) * share, zero);
+}
+
+struct BulbSample {
+  Vec wi;          // unit
+  Float distance;  // to the bulb's surface
+  Float share;     // of the strength that the lamp would have as a point; 0: no sample
+};
+
+// Sample a direction to a spherical bulb, seen from outside: in its cone, or from a specular lobe
+// that is narrower than the cone, weighted by the density of both together. In: direction and
+// distance to the bulb's centre.
+inline BulbSample sample_bulb(const Bsdf& s, Vec d, Vec axis, Float distance, float radius,
+                              Point2 u_point, Mask active) {
+  BulbSample out;
+  Float zero = splat(0.0f), one = splat(1.0f);
+  Float square = distance * distance, one_minus_cos = one_minus_cos_cone(square, radius);
+  Float to_lobe = bulb_lobe_probability(s, d, axis, one_minus_cos, active);
+  Mask narrow = to_lobe > 0.0f, from_lobe = narrow & (u_point.x < to_lobe);
+  // use what is left of the number that chose
+  if (any(narrow)) {
+    Float rest = select(from_lobe, u_point.x / max(to_lobe, splat(1e-20f)),
+                        (u_point.x - to_lobe) / max(1.0f - to_lobe, splat(1e-20f)));
+    u_point.x = select(narrow, max(min(rest, splat(0.99999994f)), zero), u_point.x);
+  }
+  out.wi = sample_cone(axis, distance, radius, u_point, out.distance);
+  out.share = 2.0f * one_minus_cos * square * (1.0f / (radius * radius));
+  if (!any(narrow)) return out;
+  if (any(from_lobe)) {
+    Float cosine, sine;
+    cos_sin_turns(u_point.y, cosine, sine);
+    Vec local = sample_visible_normal(s, d, u_point.x, cosine, sine);
+    Vec w = normalize(s.x * local.x + s.y * local.y + s.normal * local.z);
+    // intersect the bulb
+    Vec off = cross(axis, w) * distance;
+    Float past = dot(off, off), along = dot(axis, w) * distance;
+    Mask met = (past < radius * radius) & (along > 0.0f);
+    Float to_surface = along - sqrt(max(radius * radius - past, zero));
+    out.wi = select(from_lobe, w, out.wi);
+    out.distance = select(from_lobe, to_surface, out.distance);
+    out.share = select(from_lobe & ~met, zero, out.share);
+  }
+  // the density of both together, relative to the cone's
+  Float lobe = visible_normal_pdf(s, d, out.wi) * one_minus_cos * (2 * PI);
+  out.share = select(narrow, out.share / (one - to_lobe + to_lobe * lobe), out.share);
+  return out;
+}
+
 // Sample a point of an analytic shape uniformly by area; of an ellipsoid, uniformly on the sphere
 // that it is stretched from. In the geom's frame.
 inline void sample_shape(const Geom& g, Point2 u_point, Vec& q, Vec& normal) {
