@@ -20,7 +20,7 @@ from evs.msgs import Events, join_events
 
 pytestmark = pytest.mark.golden
 
-DIGESTS = {"direct": "81e1bd691c2e8dc8", "path": "243e7a5001353970"}
+DIGESTS = {"direct": "81e1bd691c2e8dc8", "path": "3430424331abd788"}
 """renderer -> digest of the light and events of all cameras"""
 
 MOTION_TICKS = 30
