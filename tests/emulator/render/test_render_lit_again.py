@@ -36,7 +36,7 @@ SCENE = """
     <material name="floor" texture="tiles" texrepeat="2 2" texuniform="true" reflectance=".2"/>
     <material name="dice" texture="dice" emission=".1"/>
     <material name="glass" rgba=".2 .5 .8 .4"/>
-    <material name="metal" rgba=".8 .6 .2 1" metallic=".9" roughness=".3"/>
+    <material name="metal" rgba=".8 .6 .2 1" metallic=".9" roughness=".1"/>
     <mesh name="wedge" vertex="0 0 0  1 0 0  0 1 0  0 0 1"/>
   </asset>
   <worldbody>

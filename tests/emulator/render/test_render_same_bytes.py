@@ -3,6 +3,7 @@ kept."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -12,8 +13,9 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.base.scene import CameraPose, SceneSnapshot
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import DirectRenderer, make_renderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
+from reference.path_stages import metal_bulb
 
 WIDTH, HEIGHT = 117, 83  # no multiple of a packet
 
@@ -167,3 +169,13 @@ def test_incremental_equals_full_tracing_on_robots(name: str, robot_files: dict[
         np.testing.assert_array_equal(
             kept.render(frame, frame.cameras[0]), full.render(frame, frame.cameras[0])
         )
+
+
+def test_bulbs_wider_than_a_lobe_on_any_instruction_set() -> None:
+    stage = metal_bulb()
+    pictures = set()
+    for isa in _core.isa_available():
+        config = replace(stage.render, renderer="path", spp=4, bounces=2, isa=isa)
+        renderer = make_renderer(stage.scene, stage.camera, config, 2)
+        pictures.add(np.asarray(renderer.render(stage.shot, stage.pose)).tobytes())
+    assert len(pictures) == 1
