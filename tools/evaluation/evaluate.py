@@ -31,6 +31,8 @@ MAX_SPP = 4096
 K = 384
 """ticks that are measured, the last ones of a clip"""
 DIRECT_SPP = 4
+CYCLE_LATE = 2
+"""ticks by which moving light is late in a cycle of seeds, rounded up"""
 WARM = 42
 """ticks of the first instant with fresh noise, which a network sees before the clip: its window"""
 STILL = 0.05
@@ -177,7 +179,8 @@ def look_ahead(models_under_test: Sequence[models.ModelUnderTest]) -> int:
     The steps let models of different latency find the same light in the cache.
     """
     most = max((one.latency_ticks for one in models_under_test), default=0)
-    return 24 * max(1, -(-most // 24))
+    # and a cycle of seeds is late too
+    return 24 * max(1, -(-(most + CYCLE_LATE) // 24))
 
 
 def _judge(

@@ -170,9 +170,12 @@ def incremental(base: PipelineConfig) -> Values:
 
 
 def frames(base: PipelineConfig) -> Values:
-    """Frames first, events from frames, as in v2e and ESIM (frame_methods.py)."""
+    """Frames first, events from frames, as in v2e and ESIM (frame_methods.py).
+
+    A frame is of one instant, so its seeds are fixed.
+    """
     del base
-    plain: Changes = {"model.name": "plain", "model.chunk": 1}
+    plain: Changes = {"model.name": "plain", "model.chunk": 1, "render.seeds": "fixed"}
     found: list[tuple[str, Changes]] = [
         (f"{method}, {fps} FPS", {**plain, "scene.tick_us": round(1e6 / fps)})
         for method in ("ESIM", "v2e")

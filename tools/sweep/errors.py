@@ -44,8 +44,11 @@ FINE_US = 250
 """step of the physics of every error, and the shortest tick"""
 SETTLE_TICKS = 24
 """ms at the beginning that are not measured, while running means and windows settle"""
-AHEAD_TICKS = 24
-"""ms of light after the last one measured: networks look ahead, a frame may end late"""
+MAX_DELAY_US = 24_000
+"""of a cycle of seeds"""
+AHEAD_TICKS = 48
+"""ms of light after the last one measured: networks look ahead, cycles are late, a frame may end
+late"""
 PATCH_PX = 4
 """the least: an error has no value of the patch"""
 MAX_SPP = 4096
@@ -198,6 +201,11 @@ class ErrorMeter:
         render, model, tick_us = config.render, config.model, config.scene.tick_us
         end_us = self.settings.end_us
         delay_us = round(render.delay_ticks * tick_us)
+        if delay_us > MAX_DELAY_US:
+            raise EvsError(
+                f"a cycle of {render.cycle_ticks} ticks of {tick_us} us is {delay_us} us late: "
+                f"errors are measured up to {MAX_DELAY_US} us; give fewer render.cycle_ticks"
+            )
         if model.name != "evsnet":
             indices = instant_indices(tick_us, end_us + delay_us)
             method = frame_method(point.value) if point.kind == FRAMES else None

@@ -103,7 +103,7 @@ def test_what_changes_no_byte_changes_no_error(error_meter: ErrorMeter) -> None:
 
 def test_ticks_and_frames_are_laid_beside_the_same_reference(error_meter: ErrorMeter) -> None:
     plain = error_meter.error(
-        sweep_point("accurate", "s", "p", {"model.name": "plain", "model.chunk": 1})
+        sweep_point("accurate", "s", "p", {"model.name": "plain", "render.seeds": "fixed"})
     )
     ticks = {v: error_meter.error(p) for v, p in on_axis("fast", "tick").items()}
     ways = {v: error_meter.error(p) for v, p in on_axis("accurate", "frames").items()}
@@ -355,3 +355,9 @@ def test_records_are_json(tmp_path: Path, scene: Path) -> None:
     assert [one.value for one in found] == ["", "adaptive", "evsnet"]
     assert dict(found[1].settings) == {"model.name": "adaptive"}
     assert all(one.error is not None and math.isfinite(one.error.emd) for one in found)
+
+
+def test_a_cycle_that_is_too_late_is_refused(error_meter: ErrorMeter) -> None:
+    late = {"render.seeds": "cycle", "render.cycle_ticks": 16, "scene.tick_us": 4000}
+    with pytest.raises(EvsError, match="is 30000 us late: errors are measured up to 24000 us"):
+        error_meter.error(sweep_point("balanced", "s", "late", late))
