@@ -189,10 +189,6 @@ class CycleRenderer:
         """As of DirectRenderer: of the instant itself, not of the ticks before."""
         return self._latest.ground_truth(snapshot, pose, previous)
 
-    def hits(self, snapshot: SceneSnapshot, pose: CameraPose) -> tuple[I32, F32]:
-        """As of DirectRenderer."""
-        return self._latest.hits(snapshot, pose)
-
     @property
     def rgb(self) -> F32 | None:
         """(h, w, 3) float32 linear light, the mean of the sets; None: it was not wanted."""
@@ -208,9 +204,3 @@ class CycleRenderer:
     def features(self) -> dict[str, bool]:
         """As of DirectRenderer."""
         return self._latest.features
-
-    @property
-    def work(self) -> dict[str, int]:
-        """As of DirectRenderer, of all sets together."""
-        parts = [renderer.work for renderer in self.renderers]
-        return {name: sum(part[name] for part in parts) for name in parts[0]}
