@@ -35,7 +35,7 @@ SENSOR = SensorConfig(preset="ideal", pos_thres=0.2, neg_thres=0.2)
 
 PIXELS = ("plain", "adaptive")
 NETWORKS = ("paper", "evsnet_c8", "evsnet_c4", "evsnet_c8_8ms")
-"""The paper's own network, then ours: causal ones, and one that looks 8 ms ahead."""
+"""The paper's network as we trained it, then ours: causal ones, and one that looks 8 ms ahead."""
 DEFAULT = (*PIXELS, *NETWORKS)
 SIDE = 4
 """side of a tile, px, which the native network computes at once"""
