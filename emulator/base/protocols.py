@@ -42,10 +42,6 @@ class Renderer(Protocol):
     def reseed(self, seed: int) -> None:
         """What noise there is follows from `seed` from the next call on."""
 
-    @property
-    def delay_ticks(self) -> float:
-        """By how many ticks moving light comes late; over 0, `render` has to see every tick."""
-
     def restart(self) -> None:
         """Forget earlier ticks: the next light is of its instant alone."""
 

@@ -220,7 +220,7 @@ class Camera:
         return put
 
     def _latency_us(self, pixels: Pixels) -> int:
-        return pixels.latency_us + round(self._renderer.delay_ticks * self._tick_us)
+        return pixels.latency_us + round(self._plan.render.delay_ticks * self._tick_us)
 
     def _forget(self) -> None:
         """Forget everything seen."""

@@ -52,12 +52,15 @@ class SeedCycle:
         Args:
             trace: Called with a set and where its light goes.
         """
-        due = self.due
-        np.copyto(self._all[-1], self.planes[due[0]])
+        due, begun = self.due, self._tick is not None
+        before, newest = self._all[-1], self.planes[due[0]]
+        if begun:
+            np.copyto(before, newest)
         for place in due:
             trace(place, self.planes[place])
-        if self._tick is None:
-            np.copyto(self._all[-1], self.planes[0])
+        if not begun:
+            # nothing has changed yet
+            np.copyto(before, newest)
         self._tick = due[0]
 
     def light(self, into: F32) -> F32:
@@ -108,11 +111,6 @@ class CycleRenderer:
         self._of_pixels: SeedCycle | None = None
         self._traced = 1.0
         self.built = self._latest.built
-
-    @property
-    def delay_ticks(self) -> float:
-        """By how many ticks moving light comes late."""
-        return 0.5 * (len(self.renderers) - 1)
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
         """Render the next tick; the first one after `restart` with every point set.

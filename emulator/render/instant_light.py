@@ -16,11 +16,6 @@ class InstantLight(ABC):
     def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
         """As of Renderer."""
 
-    @property
-    def delay_ticks(self) -> float:
-        """By how many ticks moving light comes late: none."""
-        return 0.0
-
     def restart(self) -> None:
         """Forget earlier ticks."""
         return

@@ -62,7 +62,8 @@ def times_of(view: View, motion: str) -> tuple[dict[str, Time], dict[str, float]
 @pytest.mark.parametrize("motion", ["pan", "still"])
 def test_a_tick_of_a_cycle(robot_files: dict[str, Path], motion: str) -> None:
     found = {name: times_of(robot(robot_files[name]), motion) for name in PRIMITIVES}
-    title = f"path, {WIDTH}x{HEIGHT}, 1 thread, camera: {motion} ({PAN_PX_S:g} px/s)"
+    speed = f" ({PAN_PX_S:g} px/s)" if motion == "pan" else ""
+    title = f"path, {WIDTH}x{HEIGHT}, 1 thread, camera: {motion}{speed}"
     yardsticks = dict.fromkeys(("cycle of 4 x 4", "fixed 16"), "fixed 4")
     print(Table(title, {scene: times for scene, (times, _) in found.items()}, yardsticks))
     for scene, (_, shares) in found.items():
