@@ -146,12 +146,9 @@ void Caster::set_paths() {
   f.log2_samples = paths_.log2_samples;
   f.block = paths_.block;
   f.log2_blocks = paths_.log2_blocks;
-  const bool emissive = f.emissive;
+  f.emits = f.emissive;
+  f.emissive = forced_.decide(EMISSIVE, f.emissive);
   f.transparent = forced_.decide(TRANSPARENT, f.transparent);
-  f.emissive = forced_.decide(EMISSIVE, emissive);
-  // a last ray that looks for emissive surfaces passes transparent ones at random, else they
-  // attenuate it: not the same bytes
-  if (f.transparent && !emissive) f.emissive = false;
   paths_ = f;
 }
 

@@ -47,7 +47,7 @@ FeatureFlags Caster::features() const {
   on[PLANE_SHADOWS] = casting && through_planes;
   on[FULL_RETRACE] = forced_.decide(FULL_RETRACE, !incremental_);
   on[REFITS] = forced_.decide(REFITS, work_.bvhs_refitted > 0);
-  on[EMISSIVE] = path && (paths_.emissive || forced_.on(EMISSIVE));
+  on[EMISSIVE] = path && paths_.emissive;
   on[TRANSPARENT] = path && paths_.transparent;
   FeatureFlags flags;
   for (int feature = 0; feature < FEATURE_COUNT; feature++) {

@@ -113,7 +113,8 @@ struct PathFrame {
   int block;         // of the point set that these samples are
   int log2_blocks;   // the point set has at most 2^log2_blocks blocks
   bool transparent;
-  bool emissive;                  // a geom emits light
+  bool emits;                     // a geom emits light
+  bool emissive;                  // ... or paths look for such geoms all the same
   bool has_environment;           // rays that miss may see light
   int lamp_count;                 // lights except image lights
   float ambient_radiance[3];      // uniform environment: the ambient part of the directional lights

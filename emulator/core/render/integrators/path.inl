@@ -160,17 +160,19 @@ inline Mask intersect_paths(const Frame& f, const PathFrame& p, int bounce, Path
                             Float* out) {
   const Rays& rays = path.rays;
   Float zero = splat(0.0f), one = splat(1.0f);
-  if (bounce > p.bounces && !p.emissive) {
-    // after the last bounce only the environment can add light
-    if (!p.has_environment) return mask_from_bits(0);
-    Float tr = transmittance(f, p, rays.origin, rays.direction, splat(T_INFINITY), from_geom,
-                             active, 0, clearance);
-    active = active & (tr > 0.0f);
-    if (any(active)) {
-      add_environment(f, p, rays.direction, path.specular_bounce, path.pdf, path.throughput, tr,
-                      active, out);
+  // after the last bounce only the environment can add light, if no geom emits
+  const bool environment_alone = bounce > p.bounces && (!p.emissive || !p.emits);
+  if (environment_alone) {
+    if (p.has_environment) {
+      Float tr = transmittance(f, p, rays.origin, rays.direction, splat(T_INFINITY), from_geom,
+                               active, 0, clearance);
+      Mask clear = active & (tr > 0.0f);
+      if (any(clear)) {
+        add_environment(f, p, rays.direction, path.specular_bounce, path.pdf, path.throughput, tr,
+                        clear, out);
+      }
     }
-    return mask_from_bits(0);
+    if (!p.emissive) return mask_from_bits(0);
   }
   Hit hit = intersect(f, rays, cone, active, zero);
   Mask lit = active & ~(hit.geom < splat(0));
@@ -204,7 +206,7 @@ inline Mask intersect_paths(const Frame& f, const PathFrame& p, int bounce, Path
   if (bounce == 0 && f.medium.haze) lit = lit & ~behind_haze(f, rays.direction, hit);
   // add the environment where they miss
   Mask missed = active & ~lit;
-  if (any(missed) && p.has_environment) {
+  if (any(missed) && p.has_environment && !environment_alone) {
     if (bounce == 0) {
       Float light[3] = {zero, zero, zero};
       if (f.skybox >= 0) camera_environment<3>(f, rays.direction, to_bits(missed), light);
