@@ -151,23 +151,37 @@ class BiLIF:
         fired = np.repeat(fired, each)
         # 1 ... n of each pixel
         number = np.arange(1.0, len(fired) + 1.0) - np.repeat(np.cumsum(each) - each, each)
-        level = number * np.where(up[fired], np.float64(self.on), -np.float64(self.off))
-        offset = crossing_us(level, before[fired], charge[fired], tick_us)
+        threshold = np.where(up[fired], np.float64(self.on), -np.float64(self.off))
+        offset = crossing_us(number, threshold, before[fired], charge[fired], tick_us)
         order = np.argsort(offset, kind="stable")
         where, polarity = pixels[fired][order], up[fired][order]
         stamps = begin_us + offset[order]
         return make_events(stamps, where % width, where // width, polarity), clamped
 
 
-def crossing_us(level: F64, before: F32, charge: F32, tick_us: int) -> I64:
-    """When a membrane that goes from `before` in a line by `charge` reaches `level`.
+def crossing_us(number: F64, threshold: F64, before: F32, charge: F32, tick_us: int) -> I64:
+    """When a membrane that goes from `before` in a line by `charge` crosses threshold `number`.
 
-    In us after the start of the tick, rounded up, 1 ... tick_us; 1 where it was there already, and
-    where it stands still. As core/sensor/comparator.h crossing_time.
+    A membrane that was there already has what a large step left, and fires in every tick. What it
+    has beyond whole thresholds is the share of the tick that remains: so the stamps of many pixels
+    spread evenly, and those of one are about a tick apart.
+
+    Args:
+        number: (n,) 1, 2 ...
+        threshold: (n,) V_on, or -V_off.
+        before: (n,) V at the start of the tick.
+        charge: (n,) of the tick.
+        tick_us: Length of the tick.
+
+    Returns:
+        (n,) us after the start of the tick, rounded up, 1 ... tick_us, as core/sensor/comparator.h
+        crossing_time.
     """
-    start = before.astype(np.float64)
+    start, level = before.astype(np.float64), number * threshold
     missing = np.where(level > 0, level - start > 0, level - start < 0) & (charge != 0)
+    inside = start / threshold
+    part = np.where(missing, level - start, 1.0 - (inside - np.floor(inside)))
     span = np.where(missing, charge.astype(np.float64), 1.0)
-    exact = np.where(missing, (level - start) * np.float64(tick_us) / span, 0.0)
+    exact = part * np.float64(tick_us) / span
     offset: I64 = np.ceil(np.clip(exact, 1.0, np.float64(tick_us))).astype(np.int64)
     return offset

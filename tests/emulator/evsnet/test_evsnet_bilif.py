@@ -131,8 +131,8 @@ def test_leak_comes_before_the_charge() -> None:
 def test_saturation_one_event_a_tick_until_it_is_spent() -> None:
     trail = Pixel(unit()).run([5.25, *[0.0] * 8])
     assert [event for event, _, _ in trail] == [1, 1, 1, 1, 1, 0, 0, 0, 0]
-    # the first where the line crosses, the others at once
-    assert [stamp for _, stamp, _ in trail] == [191, 1, 1, 1, 1, 0, 0, 0, 0]
+    # the first where the line crosses, the others by the quarter of a threshold that is left
+    assert [stamp for _, stamp, _ in trail] == [191, 750, 750, 750, 750, 0, 0, 0, 0]
     assert trail[-1][2] == 0.25
 
 
@@ -173,16 +173,16 @@ def test_many_thresholds_of_two_sizes_just_reached() -> None:
 
 def test_more_than_the_most_events_stay_in_the_membrane() -> None:
     pixel = Pixel(unit(on=0.25, most=64))
-    # 160 thresholds: 64 along the line, 64 and 32 at once in the ticks after it
+    # 160 thresholds: 64 along the line, 64 and 32 at the end of the ticks after it
     trail = pixel.run([40.0, 0.0, 0.0, 0.0])
     assert [(count, v) for count, _, v in trail] == [(64, 24.0), (64, 8.0), (32, 0.0), (0, 0.0)]
     assert pixel.stamps[0] == [math.ceil(1000 * n * 0.25 / 40) for n in range(1, 65)]
-    assert pixel.stamps[1:3] == [[1] * 64, [1] * 32]
+    assert pixel.stamps[1:3] == [[1000] * 64, [1000] * 32]
     # what is left fires whatever current comes, and none
     for current in (float("nan"), -1.0, float("inf")):
         pixel = Pixel(unit(on=0.25, most=64))
         assert [count for count, _, _ in pixel.run([40.0, current])] == [64, 64]
-        assert pixel.stamps[1] == [1] * 64
+        assert pixel.stamps[1] == [1000] * 64
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -214,8 +214,9 @@ def test_infinite_and_missing_currents_leave_a_membrane_that_works() -> None:
 
 def test_crossing_stamps() -> None:
     def stamp(level: float, before: float, charge: float, tick_us: int = 1000) -> int:
-        args = np.array([level]), np.array([before], np.float32), np.array([charge], np.float32)
-        return int(crossing_us(*args, tick_us)[0])
+        number, threshold = np.array([abs(level)]), np.array([np.sign(level)])
+        args = np.array([before], np.float32), np.array([charge], np.float32)
+        return int(crossing_us(number, threshold, *args, tick_us)[0])
 
     assert stamp(1.0, 0.0, 1.0) == 1000
     assert stamp(1.0, 0.0, 4.0) == 250
@@ -223,10 +224,22 @@ def test_crossing_stamps() -> None:
     assert stamp(-1.0, 0.0, -4.0) == 250
     assert stamp(-2.0, -1.5, -1.0) == 500
     assert stamp(1.0, 0.999, 1000.0) == 1  # not 0: the start belongs to the tick before
-    assert stamp(1.0, 1.0, 1.0) == 1  # there already
-    assert stamp(1.0, 5.0, -3.0) == 1
+    # there already: what is beyond whole thresholds is left of the tick
+    assert stamp(1.0, 1.0, 1.0) == 1000
+    assert stamp(1.0, 5.25, -3.0) == stamp(-1.0, -5.25, 0.0) == 750
+    assert stamp(1.0, np.nextafter(np.float32(2), np.float32(1)), 0.0) == 1
     assert stamp(1.0, 0.0, 1.0, tick_us=1) == 1
     assert stamp(1.0, 0.25, 1.0, tick_us=2**28 - 1) == 201326592
+
+
+@pytest.mark.statistical
+def test_the_stamps_of_trails_are_spread_evenly_over_the_tick() -> None:
+    count = 100_000
+    v = np.random.default_rng(5).uniform(1.0, 9.0, (1, count)).astype(np.float32)
+    events, _ = unit().step(np.zeros_like(v), v, np.zeros(v.shape, np.int64), 1, 0, 1000)
+    tenths = np.bincount((events["t"] - 1) // 100, minlength=10)
+    # 10 shares of 0.1, five standard deviations each
+    assert np.all(np.abs(tenths - 0.1 * count) < 5 * np.sqrt(0.09 * count))
 
 
 def test_events_of_a_tick_are_sorted_by_time_then_by_pixel() -> None:
@@ -290,7 +303,11 @@ class OnePixel:
                 level = sign * k * float(size)
                 # the line goes from dv to dv + current
                 missing = sign * (level - float(dv)) > 0 and current != 0
-                exact = (level - float(dv)) * tick_us / float(current) if missing else 0.0
+                inside = float(dv) / (sign * float(size))
+                left = 1 - (inside - math.floor(inside))
+                exact = (
+                    (level - float(dv)) * tick_us / float(current) if missing else left * tick_us
+                )
                 stamp = begin_us + min(max(math.ceil(exact), 1), tick_us)
                 found.append((stamp, int(sign > 0)))
         return found

@@ -45,7 +45,7 @@ class Agreement:
     misplaced: int
     """pairs of `stamps_off` that a difference of CLOSE in the membrane does not explain, nor what
     the differences of the currents have added up to: it shifts the time at which the threshold is
-    reached, the more, the smaller the current"""
+    reached, the more, the smaller the current, and the phase of a trail, round the tick"""
 
 
 def run(model: EvsNetModel, light: F32, seed: int = 1, cut: int = 16) -> Run:
@@ -72,7 +72,9 @@ def compare(model: EvsNetModel, one: Run, other: Run, seed: int = 1) -> Agreemen
     """
     first, second = _keyed(one.events), _keyed(other.events)
     unpaired = sorted(first.keys() ^ second.keys())
-    near = _near_threshold(model, one.currents, seed)
+    near, trails = _near_threshold(model, one.currents, seed)
+    tick_us = model.weights.tick_us
+    least = min(model.sensor.pos_thres, model.sensor.neg_thres) / model.weights.threshold
     scale = np.maximum(1.0, np.max(np.abs(one.currents), axis=0))
     # whatever follows a tie at the same pixel is a consequence of it
     tied: dict[tuple[int, int], int] = {}
@@ -86,9 +88,12 @@ def compare(model: EvsNetModel, one: Run, other: Run, seed: int = 1) -> Agreemen
         off_us = abs(first[key] - second[key])
         if off_us > 1 and tick < tied.get((y, x), len(one.currents)):
             stamps_off += 1
-            charge = abs(float(one.currents[tick, y, x]))
             reach = max(CLOSE, float(apart[tick, y, x]))
-            misplaced += off_us > 1 + reach * model.weights.tick_us / charge
+            if trails[tick, y, x]:
+                misplaced += min(off_us, tick_us - off_us) > 1 + reach * tick_us / least
+            else:
+                charge = abs(float(one.currents[tick, y, x]))
+                misplaced += off_us > 1 + reach * tick_us / charge
     error = float(np.max(np.abs(one.currents - other.currents) / scale))
     return Agreement(error, len(first), len(unpaired), untied, stamps_off, misplaced)
 
@@ -116,18 +121,26 @@ def _membrane_error(model: EvsNetModel, one: F32, other: F32) -> np.ndarray[Any,
     return apart
 
 
-def _near_threshold(model: EvsNetModel, currents: F32, seed: int) -> np.ndarray[Any, Any]:
-    """Where the oracle's own membrane is within CLOSE of another count: (ticks, h, w) bool."""
+def _near_threshold(
+    model: EvsNetModel, currents: F32, seed: int
+) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Where the oracle's own membrane is within CLOSE of another count, and where of a trail.
+
+    Returns:
+        (ticks, h, w) bool each; a trail is a membrane at its threshold before the tick.
+    """
     weights, sensor = model.weights, model.sensor
     on, off = sensor.pos_thres / weights.threshold, sensor.neg_thres / weights.threshold
     decay = decay_tables(weights.tau_s, weights.tick_us)
     most = model.most_events
     unit = BiLIF(np.float32(on), np.float32(off), decay, most)
     state = model.init(seed)
-    near = np.zeros(currents.shape, bool)
+    near, trails = np.zeros(currents.shape, bool), np.zeros(currents.shape, bool)
     for tick, current in enumerate(currents):
-        v = decay(state.v.ravel(), tick - state.last.ravel()).reshape(current.shape) + current
+        before = decay(state.v.ravel(), tick - state.last.ravel()).reshape(current.shape)
+        trails[tick] = (before >= on - CLOSE) | (before <= -off + CLOSE)
+        v = before + current
         up, down = (np.clip(np.round(part), 1, most) for part in (v / on, -v / off))
         near[tick] = np.minimum(np.abs(v - up * on), np.abs(v + down * off)) < CLOSE
         unit.step(current, state.v, state.last, tick, 0, weights.tick_us)
-    return near
+    return near, trails
