@@ -145,6 +145,14 @@ def markdown(found: Evaluation) -> str:
         "|---|---|---|",
         *(f"| {c.claim} | {MET[c.met]} | {c.figures} |" for c in found.claims),
         "",
+        "Each claim on each scene alone:",
+        "",
+        *claims_by_scene(found.cells),
+        "",
+        f"EMD on each scene; {WORSE}: no events at all are closer:",
+        "",
+        *emd_by_scene(found.cells),
+        "",
         "Least EMD and best F1 (same pixel, 3 ms) of each case:",
         "",
         *(f"- {line}" for line in winners(found.cells)),
@@ -154,6 +162,38 @@ def markdown(found: Evaluation) -> str:
 
 
 MET = {True: "met", False: "missed", None: "-"}
+WORSE = "†"
+"""beside an EMD that silence beats"""
+
+
+def claims_by_scene(cells: Sequence[ResultCell]) -> list[str]:
+    """Lines of Markdown: a line for each claim, a column for each scene."""
+    scenes = list(dict.fromkeys(cell.scene for cell in cells))
+    judged = [check_claims([c for c in cells if c.scene == scene]) for scene in scenes]
+    lines = ["| " + " | ".join(["claim", *scenes]) + " |", "|---" * (1 + len(scenes)) + "|"]
+    for of_scenes in zip(*judged, strict=True):
+        lines.append(
+            "| " + " | ".join([of_scenes[0].claim, *(MET[claim.met] for claim in of_scenes)]) + " |"
+        )
+    return lines
+
+
+def emd_by_scene(cells: Sequence[ResultCell]) -> list[str]:
+    """Lines of Markdown: a line for each camera, light and model, a column for each scene."""
+    scenes = list(dict.fromkeys(cell.scene for cell in cells))
+    found = {(c.camera, light_label(c), c.model, c.scene): c.measures.emd for c in cells}
+    silence = {(c.camera, c.scene): c.measures.emd for c in cells if c.model == NOTHING}
+    lines = ["| " + " | ".join(["camera", "light", "model", *scenes]) + " |"]
+    lines.append("|" + "|".join(["---"] * 3 + ["---:"] * len(scenes)) + "|")
+    for row in dict.fromkeys((c.camera, light_label(c), c.model) for c in cells):
+        line = list(row)
+        for scene in scenes:
+            emd = found.get((*row, scene), math.nan)
+            worse = f" {WORSE}" if emd > silence.get((row[0], scene), math.inf) else ""
+            line.append(f"{emd:.3f}{worse}" if math.isfinite(emd) else "-")
+        lines.append("| " + " | ".join(line) + " |")
+    return lines
+
 
 
 def overview(rows: Sequence[ResultRow]) -> list[str]:

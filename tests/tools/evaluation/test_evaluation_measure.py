@@ -16,7 +16,14 @@ from evs.tools.evaluation.clip import Clip, make_clip
 from evs.tools.evaluation.evaluate import stands_still
 from evs.tools.evaluation.measure import Measures, measure
 from evs.tools.evaluation.scenes import scene_setup
-from evs.tools.evaluation.table import finite, markdown, overview, table
+from evs.tools.evaluation.table import (
+    claims_by_scene,
+    emd_by_scene,
+    finite,
+    markdown,
+    overview,
+    table,
+)
 from reference.judged import cell, light_of_steps, measures, written
 from reference.networks import random_network
 
@@ -178,6 +185,32 @@ def test_the_overview() -> None:
         "| still | 4 spp fresh | 1.000, 0.75 / 0.75, 2.5 | 0.500, 0.75 / 1.00, - |",
         "| still | direct | 0.100, 0.00 / -, 0 | - |",
     ]
+
+
+def test_each_scene_has_a_cell() -> None:
+    cells = [
+        cell("nothing", 0, "fixed", light="none", emd=1.0, scene="one"),
+        cell("nothing", 0, "fixed", light="none", emd=0.4, scene="two"),
+        cell("plain", emd=6.0, scene="one"),
+        cell("plain", emd=3.0, scene="two"),
+        cell("evsnet_c8", emd=0.9, scene="one"),
+        cell("evsnet_c8", emd=0.5, scene="two"),
+        cell("adaptive", emd=0.3, scene="two"),
+    ]
+    assert emd_by_scene(cells) == [
+        "| camera | light | model | one | two |",
+        "|---|---|---|---:|---:|",
+        "| still | none | nothing | 1.000 | 0.400 |",
+        "| still | 4 spp fresh | plain | 6.000 † | 3.000 † |",
+        "| still | 4 spp fresh | evsnet_c8 | 0.900 | 0.500 † |",
+        "| still | 4 spp fresh | adaptive | - | 0.300 |",
+    ]
+    heading, _, first, *rest = claims_by_scene(cells)
+    assert heading == "| claim | one | two |"
+    assert first == (
+        "| evsnet_c8, fresh 4 spp: EMD at least 5x below plain, and below silence | met | missed |"
+    )
+    assert all(line.count("|") == 4 for line in rest)
 
 
 def test_json_has_no_nan() -> None:
