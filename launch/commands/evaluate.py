@@ -21,10 +21,11 @@ examples:
 Scenes are robots that no network has seen in training (gymnasium/ant, dm_control/walker ...),
 procedural scenes with seeds reserved for evaluation (procedural/0, procedural/1 ...), your own file
 or package:path. Light is traced only at the measured pixels and is cached, so a second run traces
-nothing. docs/explanation/evaluation.md explains each column."""
+nothing. The set held_out has robots that nothing was ever tuned on, either.
+docs/explanation/evaluation.md explains each column."""
 
 LISTS = {
-    "scenes": "scenes, separated by commas",
+    "scenes": "scenes, or sets of them: default, held_out; separated by commas",
     "cameras": "how the camera moves: still, pan, slide",
     "spp": "samples per pixel of the light to evaluate",
     "models": "plain, adaptive, and names of networks",

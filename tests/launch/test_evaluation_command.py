@@ -77,7 +77,7 @@ def test_command_json_and_picture(
     )
     page = out[1].read_text()
     assert f"    {told['command']}\n" in page
-    assert page.count("\n| still | ") == page.count("\n| pan | ") == 7 + 16
+    assert page.count("\n| still | ") == page.count("\n| pan | ") == 7 + 2 * 16
     with Image.open(out[2]) as image:
         picture = np.asarray(image.convert("RGB"))
     assert picture.shape[1] == 2 * 640 + 44
@@ -295,7 +295,7 @@ def test_a_users_own_network_is_judged_besides(
     out = tmp_path / "t.json"
     assert main([*words, *TINY, "--cache", str(tmp_path / "cache"), "--json", str(out)]) == 0
     said = capsys.readouterr()
-    assert said.out.count("| mine |") == 1 + 7
+    assert said.out.count("| mine |") == 1 + 2 * 7
     # it was checked first
     assert said.out.index("| random4 | found | |") < said.out.index("| camera | light | model |")
     assert "| X = 0 | the current is exactly 0" in said.out
@@ -326,7 +326,7 @@ def test_a_network_that_is_not_sound_is_told_and_judged_all_the_same(
     lines = said.err.splitlines()
     assert f"evs: warning: {path}: latency: no answer to a step of +-0.5" in lines
     assert all(line.startswith(f"evs: warning: {path}: ") for line in lines)
-    assert said.out.count("| d |") == 1 + 7
+    assert said.out.count("| d |") == 1 + 2 * 7
 
     # one that cannot be read is not
     sidecar.write_text(sidecar.read_text().replace("threshold = 0.2", "threshold = -0.2"))

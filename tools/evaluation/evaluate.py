@@ -67,7 +67,7 @@ class EvaluationSettings:
     patch_px: int = PATCH_PX
 
     def __post_init__(self) -> None:
-        scenes.check_names(self.scenes)
+        object.__setattr__(self, "scenes", scenes.check_names(self.scenes))
         most_events(self.events_per_tick)
         if not self.models and self.network is None:
             raise EvsError("no model is given; give for example plain,adaptive")

@@ -195,7 +195,6 @@ def emd_by_scene(cells: Sequence[ResultCell]) -> list[str]:
     return lines
 
 
-
 def overview(rows: Sequence[ResultRow]) -> list[str]:
     """Lines of Markdown: a line for each camera and kind of light, a column for each model."""
     judged = [row for row in rows if row.model not in (NOTHING, REFERENCE)]

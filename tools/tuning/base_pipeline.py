@@ -89,10 +89,10 @@ def _robot(name: str) -> list[tuple[str, str]] | None:
         return None
     if name not in VIEWS:
         raise unknown("robot", name, VIEWS)
-    height, distance = VIEWS[name]
+    x, y, z, distance = VIEWS[name]
     return [
         ("scene.file", f"{package}:{FOLDERS[package]}/{robot}.xml"),
-        ("camera.lookat", f"0,0,{height:g}"),
+        ("camera.lookat", f"{x:g},{y:g},{z:g}"),
         ("camera.distance", f"{distance:g}"),
         ("camera.azimuth", "90"),
         ("camera.elevation", "-20"),

@@ -20,7 +20,7 @@ from evs.tools.evaluation.clip import (
 )
 from evs.tools.evaluation.clip_light import LightSpec, light_key
 from evs.tools.evaluation.digest import digest
-from evs.tools.evaluation.scenes import FIRST_SEED, scene_setup
+from evs.tools.evaluation.scenes import DEFAULT, FIRST_SEED, HELD_OUT, check_names, scene_setup
 from evs.tools.training.settings import DataSettings
 from reference.judged import written
 
@@ -181,3 +181,18 @@ def test_procedural_scenes_are_of_seeds_that_training_refuses() -> None:
 def test_what_cannot_be_filmed(scene: Path, given: dict[str, object], says: str) -> None:
     with pytest.raises(EvsError, match=says.replace(".", r"\.")):
         shoot(scene, **given)  # type: ignore[arg-type]
+
+
+def test_sets_of_scenes_are_disjoint_and_stand_for_their_scenes() -> None:
+    assert not set(DEFAULT) & set(HELD_OUT)
+    assert check_names(("held_out", "gymnasium/ant")) == (*HELD_OUT, "gymnasium/ant")
+    with pytest.raises(EvsError, match="'gymnasium/ant' is given twice"):
+        check_names(("default", "gymnasium/ant"))
+
+
+@pytest.mark.parametrize("name", [n for n in HELD_OUT if n.startswith("dm_control")])
+def test_a_robot_that_is_held_out_has_soft_light_and_a_view_of_its_own(name: str) -> None:
+    setup = scene_setup(name)
+    assert setup.soft
+    assert setup.view.distance > 0
+    assert setup.view.lookat is not None
