@@ -190,9 +190,10 @@ class ModelConfig:
     events are the same, but the packets of a chunk leave together at its end"""
     initial_state: str = "random"
     """evsnet: membrane potential of each pixel at the start: random, as in the paper | zero"""
-    events_per_tick: str = "one"
-    """evsnet: events of a pixel per tick: one, as in the paper: what a large step leaves fires in
-    later ticks (saturation) | many: as many as the step is worth, at most 64"""
+    events_per_tick: str = "auto"
+    """evsnet: events of a pixel per tick: auto: as the network was trained | one, as in the paper:
+    what a large step leaves fires in later ticks (saturation) | many: as many as the step is worth,
+    at most 64"""
     labels: bool = False
     """label every event with its cause (signal, leak, shot noise, hot pixel) and the geom that the
     pixel sees, in packet.labels and in .npz recordings"""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.base.scene import F32
+from evs.emulator.evsnet.bilif import most_events
 from evs.emulator.evsnet.session import one_line, open_session, state_shapes
 from evs.emulator.evsnet.weights import KERNEL_SIZE, NetworkWeights, check_numbers
 from evs.msgs import EvsError
@@ -39,10 +40,12 @@ class GraphNetwork:
     linlog_dn: float
     tick_us: int
     spp: tuple[int, int]
+    events_per_tick: str = "one"
 
     def __post_init__(self) -> None:
         """Check the numbers."""
         check_numbers(self.name, self.tau_s, self.threshold, self.linlog_dn, self.tick_us, self.spp)
+        most_events(self.events_per_tick)
         if not 0 <= self.latency_ticks <= MAX_LATENCY_TICKS or min(self.look_ahead, default=0) < 0:
             raise EvsError(
                 f"network '{self.name}': look_ahead is {list(self.look_ahead)}; give ticks, "
@@ -135,4 +138,5 @@ def read_graph_network(graph: bytes, sidecar: Mapping[str, Any]) -> GraphNetwork
         linlog_dn=sidecar["linlog_dn"],
         tick_us=sidecar["tick_us"],
         spp=sidecar["spp"],
+        events_per_tick=sidecar["events_per_tick"],
     )

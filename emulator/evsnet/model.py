@@ -43,7 +43,7 @@ class EvsNetModel:
         isa: str = "auto",
         initial: str = "random",
         sparse: bool = True,
-        events_per_tick: str = "one",
+        events_per_tick: str = "auto",
         labels: bool = False,
         switches: Switches = UNFORCED,
     ) -> None:
@@ -58,7 +58,8 @@ class EvsNetModel:
             isa: As of make_runtime.
             initial: Membranes at the start: "random" in (-V_off, V_on), or "zero".
             sparse: As of make_runtime.
-            events_per_tick: Of a pixel: "one", the paper's, or "many", all that a step is worth.
+            events_per_tick: Of a pixel: "one", the paper's, "many", all that a step is worth, or
+                "auto", as the network was trained.
             labels: Refused: a network has no cause of an event.
             switches: Cold tiles that are forced on or off.
 
@@ -84,7 +85,8 @@ class EvsNetModel:
         self._on = np.float32(sensor.pos_thres / weights.threshold)
         self._off = np.float32(sensor.neg_thres / weights.threshold)
         decay_tables(weights.tau_s, weights.tick_us)  # refuses what has none
-        self.most_events = most_events(events_per_tick)
+        trained = weights.events_per_tick
+        self.most_events = most_events(trained if events_per_tick == "auto" else events_per_tick)
         """of a pixel in a tick"""
         dense = switches.decide("cold_tiles", not sparse or not weights.is_still)
         if runtime != "native" or dense:

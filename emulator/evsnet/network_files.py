@@ -10,6 +10,7 @@ blocks.0.second.weight, ..., last.weight (1, C, 1, 1), and .bias where there is 
     tick_us = 1000
     spp = [1, 64]
     look_ahead = [0, 0, 0, 0, 0, 0, 0]    # one a convolution
+    events_per_tick = "one"               # or "many"; without it: one
 
 and a table [training], which is for people.
 
@@ -31,6 +32,7 @@ from typing import Any, TypeVar
 
 from evs.emulator.base.scene import F32
 from evs.emulator.base.small_files import read_small_text
+from evs.emulator.evsnet.bilif import EVENTS_PER_TICK
 from evs.emulator.evsnet.graph_network import Network, read_graph_network
 from evs.emulator.evsnet.onnx_graph import initialisers
 from evs.emulator.evsnet.weights import KERNEL_SIZE, Block, Convolution, NetworkWeights
@@ -136,7 +138,7 @@ class _Assembly:
         last = self._tensor("last.weight", (1, None, 1, 1))[0, :, 0, 0]
         channels = last.shape[0]
         bias = self._tensor("last.bias", (1,))[0] if "last.bias" in self.tensors else 0.0
-        fields = {key: value for key, value in sidecar.items() if key in _NUMBERS}
+        fields = {key: value for key, value in sidecar.items() if key in _FIELDS}
         try:
             return NetworkWeights(
                 name=sidecar["name"],
@@ -201,12 +203,13 @@ def _sidecar(path: Path) -> dict[str, Any]:
             raise EvsError(f"network sidecar {path}: no key {key!r}; there is {nearest}")
     for key, (what, fits) in _KEYS.items():
         if key not in values:
-            if key == "training":
+            if key in _OPTIONAL:
                 continue
             raise EvsError(f"network sidecar {path} lacks {key}; give {what}")
         if not fits(values[key]):
             raise EvsError(f"network sidecar {path}: {key} is {values[key]!r}; give {what}")
     values["spp"] = tuple(values["spp"])
+    values.setdefault("events_per_tick", "one")
     return values
 
 
@@ -226,7 +229,7 @@ def _is_name(value: Any) -> bool:
     return isinstance(value, str) and 0 < len(value) <= 100 and value.isprintable()
 
 
-_NUMBERS = ("tau_s", "threshold", "linlog_dn", "tick_us", "spp")
+_FIELDS = ("tau_s", "threshold", "linlog_dn", "tick_us", "spp", "events_per_tick")
 _KEYS: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "name": ("a line of text", _is_name),
     "tau_s": ("seconds", _is_real),
@@ -235,9 +238,11 @@ _KEYS: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "tick_us": ("whole microseconds", _is_int),
     "spp": ("[fewest, most]", lambda value: _is_ints(value) and len(value) == 2),
     "look_ahead": ("[ticks, one for each convolution]", _is_ints),
+    "events_per_tick": (" or ".join(EVENTS_PER_TICK), lambda value: value in list(EVENTS_PER_TICK)),
     "training": ("a table", lambda value: isinstance(value, dict)),
 }
 """key -> what it is, and whether a value is one"""
+_OPTIONAL = ("events_per_tick", "training")
 
 
 T = TypeVar("T")

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.emulator.base.scene import F32, F64
+from evs.emulator.evsnet.bilif import most_events
 from evs.msgs import EvsError
 
 KERNEL_SIZE = 7
@@ -81,6 +82,8 @@ class NetworkWeights:
     """the tick it was trained on, us"""
     spp: tuple[int, int] = (1, 64)
     """fewest and most samples a pixel that it was trained on"""
+    events_per_tick: str = "one"
+    """of a pixel, as it was trained: one | many"""
 
     def __post_init__(self) -> None:
         """Check everything."""
@@ -103,6 +106,7 @@ class NetworkWeights:
         if not abs(self.last_bias) < float("inf"):
             raise EvsError(f"network '{self.name}': last_bias is {self.last_bias}")
         check_numbers(self.name, self.tau_s, self.threshold, self.linlog_dn, self.tick_us, self.spp)
+        most_events(self.events_per_tick)
         if not self._largest_sum() <= MAX_CURRENT:
             raise EvsError(
                 f"network '{self.name}': its weights are so large that a current may be over "

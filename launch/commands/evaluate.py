@@ -41,7 +41,7 @@ NUMBERS = {
 NAMES = {
     "runtime": "runtime of networks: native, onnxruntime, reference",
     "provider": "execution provider of onnxruntime: cpu, cuda, tensorrt, openvino, coreml",
-    "events-per-tick": "events of a network's pixel per tick: one, as in the paper, or many",
+    "events-per-tick": "events of a network's pixel per tick: one, many, or auto: as trained",
 }
 
 

@@ -59,7 +59,7 @@ class EvaluationSettings:
     reference_spp: int = 1024
     runtime: str = "native"
     provider: str = "cpu"
-    events_per_tick: str = "one"
+    events_per_tick: str = "auto"
     """of the networks, as model.events_per_tick"""
     threads: int = 0
     seed: int = 0
@@ -68,7 +68,8 @@ class EvaluationSettings:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "scenes", scenes.check_names(self.scenes))
-        most_events(self.events_per_tick)
+        if self.events_per_tick != "auto":
+            most_events(self.events_per_tick)
         if not self.models and self.network is None:
             raise EvsError("no model is given; give for example plain,adaptive")
         for spp in self.spp:

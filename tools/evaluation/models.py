@@ -53,7 +53,7 @@ class RuntimeOptions:
     runtime: str = "native"
     provider: str = "cpu"
     """onnxruntime's execution provider"""
-    events_per_tick: str = "one"
+    events_per_tick: str = "auto"
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """Write a trained network: NAME.onnx, the streaming graph, and NAME.toml, its sidecar.
 
 The sidecar holds what the graph cannot: name, tau_s, threshold, linlog_dn, tick_us, spp = [fewest,
-most], look_ahead = [ticks of each convolution], and a table [training] with the origin of the
-network. emulator/evsnet/network_files.py reads both back.
+most], look_ahead = [ticks of each convolution], events_per_tick, and a table [training] with the
+origin of the network. emulator/evsnet/network_files.py reads both back.
 """
 
 from __future__ import annotations
@@ -71,6 +71,7 @@ def sidecar(weights: NetworkWeights, training: Mapping[str, Any] | None = None) 
         f"tick_us = {_value('tick_us', weights.tick_us)}",
         f"spp = {_value('spp', weights.spp)}",
         f"look_ahead = {_value('look_ahead', look_ahead)}",
+        f"events_per_tick = {_value('events_per_tick', weights.events_per_tick)}",
     ]
     return "\n".join([*lines, *_table("training", training or {})]) + "\n"
 

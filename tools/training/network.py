@@ -235,6 +235,7 @@ def to_weights(
         tau_s=float(np.float32(math.exp(log_tau))),
         tick_us=architecture.tick_us,
         spp=spp,
+        events_per_tick=architecture.events_per_tick,
     )
 
 
@@ -261,7 +262,14 @@ def from_weights(weights: NetworkWeights) -> tuple[Parameters, Architecture]:
     if biased:
         parameters["last_bias"] = jnp.asarray(weights.last_bias, jnp.float32)
     look_ahead = tuple(convolution.look_ahead for convolution in weights.convolutions)
-    return parameters, Architecture(weights.channels, look_ahead, biased, weights.tick_us)
+    architecture = Architecture(
+        weights.channels,
+        look_ahead,
+        biased,
+        weights.tick_us,
+        events_per_tick=weights.events_per_tick,
+    )
+    return parameters, architecture
 
 
 def _array(value: Array) -> F32:

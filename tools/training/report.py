@@ -60,7 +60,6 @@ def sidecar_of(fitted: TrainedNetwork) -> dict[str, Any]:
         "scenes": len(fitted.examples.training),
         "step": at.best_step,
         "score": at.best_score,
-        "events_per_tick": fitted.recipe.architecture.events_per_tick,
         "report": f"{fitted.weights.name}.training.json",
     }
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,9 +12,11 @@ from evs.emulator import _core
 from evs.emulator.base.scene import F32
 from evs.emulator.evsnet.bilif import EVENTS_PER_TICK, most_events
 from evs.emulator.evsnet.model import EvsNetModel
+from evs.emulator.evsnet.network_files import read_network
 from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import Events, EvsError
+from evs.tools.training.export import export
 from reference.networks import STRANGE, through_network
 
 WIDTH, HEIGHT = 23, 10
@@ -109,6 +114,16 @@ def test_stamps_spread_over_the_tick() -> None:
         events = np.concatenate(stream(model(name, sensor=sensor), light)[0])
         shares = np.bincount((events["t"] - 1) % 1000 // 100, minlength=10) / len(events)
         assert np.all(np.abs(shares - 0.1) < bound), name
+
+
+@pytest.mark.parametrize("trained", EVENTS_PER_TICK)
+def test_a_network_fires_as_it_was_trained_unless_told(trained: str, tmp_path: Path) -> None:
+    weights = replace(through_network(5.0, tau_s=15.0), events_per_tick=trained)
+    export(weights, tmp_path / "mine.onnx")
+    stored = read_network(tmp_path / "mine.onnx")
+    assert EvsNetModel(SENSOR, stored).most_events == most_events(trained)
+    for told in EVENTS_PER_TICK:
+        assert EvsNetModel(SENSOR, stored, events_per_tick=told).most_events == most_events(told)
 
 
 def test_an_unknown_number_is_refused() -> None:

@@ -124,7 +124,11 @@ def test_inputs_and_outputs_are_as_the_page_says() -> None:
 
 def test_the_sidecar_reads_back_as_what_was_said(tmp_path: Path) -> None:
     weights = dataclasses.replace(
-        random_network(2, 4, look_ahead=1), name='a "b" \\ é', tau_s=0.1 + 0.2, spp=(4, 16)
+        random_network(2, 4, look_ahead=1),
+        name='a "b" \\ é',
+        tau_s=0.1 + 0.2,
+        spp=(4, 16),
+        events_per_tick="many",
     )
     training = {
         "seed": np.int64(7),
@@ -142,6 +146,7 @@ def test_the_sidecar_reads_back_as_what_was_said(tmp_path: Path) -> None:
         "tau_s": 0.1 + 0.2,
         "threshold": 0.2,
         "linlog_dn": 2.718281828459045,
+        "events_per_tick": "many",
         "tick_us": 1000,
         "spp": [4, 16],
         "look_ahead": [1] * 7,

@@ -253,6 +253,7 @@ def test_one_key_of_a_sidecar(tmp_path: Path, line: str, says: str) -> None:
         ("spp = [1, 64]", "spp = 4", "spp is 4; give [fewest, most]"),
         ("spp = [1, 64]", "spp = [1, 4, 9]", "spp is [1, 4, 9]; give [fewest, most]"),
         ("spp = [1, 64]", "spp = [64, 1]", "spp is (64, 1)"),
+        ("tick_us = 1000", 'tick_us = 1000\nevents_per_tick = "two"', "give one or many"),
         ("threshold = 0.2", "threshold = 0", "threshold is 0"),
         ("linlog_dn = 2.718281828459045", "linlog_dn = 1", "linlog_dn is 1"),
         ("[0, 1, 0, 0, 2, 3, 3]", "[0, 1, 0]", "has 7 convolutions, look_ahead in its sidecar 3"),

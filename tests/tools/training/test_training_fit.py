@@ -295,8 +295,7 @@ def agree_with_the_reference(
     light = shard.variant(variant.spp, variant.seeds)
     ticks, pixels = light.shape
     sensor = dataclasses.replace(resolve_sensor(IDEAL), width=pixels, height=1)
-    rule = fitted.recipe.architecture.events_per_tick
-    model = EvsNetModel(sensor, stored, runtime="reference", events_per_tick=rule)
+    model = EvsNetModel(sensor, stored, runtime="reference")
     state = model.init(5)
     start = state.v.ravel().copy()
     lists, _ = model.step_chunk(light[:, np.newaxis], state, 0, 1000)
@@ -318,6 +317,6 @@ def agree_with_the_reference(
             charged = decay * v + current[pixel, tick]
             rounding += 1e-6 * (1 + abs(current[pixel, tick]))
             v = charged - int(mine[pixel, 0, tick]) + int(mine[pixel, 1, tick])
-        nearest = np.clip(np.round(abs(charged)), 1, most_events(rule))
+        nearest = np.clip(np.round(abs(charged)), 1, most_events(stored.events_per_tick))
         assert abs(abs(charged) - nearest) < rounding
     return int(mine.sum())
