@@ -29,9 +29,11 @@ HELD_OUT = 8
 MEMORY_BYTES = 4 * 2**30
 """of prepared shards; if there are more, they take turns"""
 MOST_EVENTS = 100
+"""Pixels with more true events are left out: they outweigh all others, and networks that learn
+from them fire on the noise of still ones."""
 MOST_EXTRA = 20
-"""Pixels with more true events, or with more events in excess of what a pixel may fire in a tick,
-are left out: the network cannot follow them. The first is for one event per tick alone."""
+"""Pixels with more true events that share their tick with another are left out, too, for networks
+that fire once per tick: these cannot follow them."""
 ROUND_STEPS = 500
 """steps between turns"""
 
@@ -134,11 +136,10 @@ def true_membranes(shard: Shard, tick: int, linlog_dn: float) -> F32:
 
 def followable(counts: U8, events_per_tick: str) -> npt.NDArray[np.bool_]:
     """Which pixels of (2, K, P) true events a network with such pixels can follow, (P,)."""
-    most = most_events(events_per_tick)
     ticks = counts.sum(0, dtype=np.int64)
-    found: npt.NDArray[np.bool_] = np.maximum(ticks - most, 0).sum(0) <= MOST_EXTRA
-    if most == 1:
-        found &= ticks.sum(0) <= MOST_EVENTS
+    found: npt.NDArray[np.bool_] = ticks.sum(0) <= MOST_EVENTS
+    if most_events(events_per_tick) == 1:
+        found &= np.maximum(ticks - 1, 0).sum(0) <= MOST_EXTRA
     return found
 
 
