@@ -28,8 +28,7 @@ class EvsNetModel:
     """Light into events by a trained network and a BiLIF unit per pixel.
 
     Of the sensor it takes size, exposure, dark current and the mean thresholds. Bandwidth, noise
-    and fixed pattern are what the network has learnt, or are not there. docs/explanation/network.md
-    lists them.
+    and fixed pattern are not there. docs/explanation/network.md lists what is taken.
     """
 
     def __init__(
