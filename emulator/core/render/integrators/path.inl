@@ -37,8 +37,8 @@ enum SampleDimension {
 constexpr int DIMENSIONS_PER_VERTEX = 1 << 20;
 
 constexpr int ROULETTE_START_DEPTH = 2;  // Russian roulette from this bounce on
-// ... of paths whose throughput is below this. In a closed room of eight bounces a quarter has the
-// least noise in a given number of rays: 22 % less variance than 1, and 32 % less than no roulette.
+// ... of paths whose throughput is below this. In a closed room of eight bounces, a quarter has
+// less noise in a given number of rays than 1 or no roulette.
 constexpr float ROULETTE_THROUGHPUT = 0.25f;
 
 // Return the transmittance of shadow rays up to `t_max`. `non_occluders`: as for `occluded`.
