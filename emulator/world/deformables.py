@@ -1,7 +1,7 @@
 """Skins and flexes: meshes whose vertices move, as MuJoCo's visualiser has them.
 
 A skin hangs on bones; a flex is cloth or a soft body. A flex of dimension 1, a rope, has no faces:
-see strands.py.
+see tendons.py.
 """
 
 from __future__ import annotations

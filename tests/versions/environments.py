@@ -1,7 +1,7 @@
 """Environments of the libraries that robots are trained in, seen by an event camera.
 
 Each needs packages that do not go together with the others', so each test runs in an environment
-of its own: `sh .ci/versions.sh`. docs/environments.md shows the same lines.
+of its own: `sh .ci/versions.sh`. docs/howto/environments.md shows the same lines.
 """
 
 from __future__ import annotations

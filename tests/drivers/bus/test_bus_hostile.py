@@ -204,7 +204,7 @@ class Link:
             one.close()
 
     def _end_dead(self) -> None:
-        """As a router does that has forgotten them. The system's own patience: test_link_bus.py."""
+        """As a router does that has forgotten them. Its own patience: test_network_link_bus.py."""
         for one in self._dead:
             one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
             one.close()

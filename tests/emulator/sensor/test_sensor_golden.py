@@ -1,4 +1,4 @@
-"""Events of two published emulators on one video. What the files are stands in data/README.md."""
+"""Events of two published emulators on one video; tests/support/golden/README.md describes it."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Payloads that event_camera_codecs, ROS's own decoders, decoded bit-exactly: the same bytes today.
 
-Run as a program beside a codecs_oracle that was built as data/README.md says, it decodes them with
-those decoders again, and prints the digests: python test_encodings_codecs.py CODECS_ORACLE.
+Run as a program beside a codecs_oracle that was built as tests/support/golden/README.md says, it
+decodes them with those decoders again, and prints the digests: python
+tests/msgs/codecs/test_codecs_codecs.py CODECS_ORACLE.
 """
 
 from __future__ import annotations
