@@ -15,7 +15,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -23,12 +22,11 @@ import pytest
 import evs
 from evs.drivers.pictures import U8, write_png
 from evs.drivers.pictures.text_lines import paste, text_line
-from evs.emulator.base.scene import F32, CameraPose
-from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import make_renderer
-from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
+from evs.emulator.base.scene import F32
+from evs.emulator.config import RenderConfig
 from evs.msgs import join_events
 from reference.esim import EVENT, esim
+from reference.hand_held import hand_held
 from reference.reconstruction import F64, Stream, fit, of_events, of_light
 from speed.elsewhere import AbsentError
 from speed.v2e import v2e_events
@@ -39,7 +37,7 @@ WIDTH, HEIGHT, TICKS, TICK_US = 200, 150, 700, 1000
 SCENES = ["playroom", "kitchen"]
 EXPOSURES = {"bright": 60.0, "dark": 10.0, "night": 2.0}
 """DN below which 30 % of the pixels of the film lie"""
-PAN_PX_S, CIRCLE_PX, CIRCLE_HZ = 30.0, 6.0, 2.0
+PAN_PX_S, CIRCLE_PX = 30.0, 6.0
 """slow enough that a spread of thresholds does not drown everything else"""
 TIMES_US = list(range(300_000, 1000 * TICKS + 1, 50_000))
 CUTOFF_RAD_S = 2 * np.pi
@@ -71,32 +69,9 @@ Row = Callable[[F32, Path], Stream]
 @cache
 def film(scene: str) -> F32:
     """(TICKS + 1, HEIGHT, WIDTH) luminance."""
-    model = mujoco.MjModel.from_xml_path(str(CHECKOUT / f"config/scenes/dataset/{scene}.xml"))
-    model.opt.timestep = 1e-6 * TICK_US
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    bound = bind_camera(model, "eye", WIDTH, HEIGHT, CameraConfig())
-    taker = SnapshotTaker(model, [bound])
-    renderer = make_renderer(
-        extract_scene(model), bound.model, RenderConfig(spp=4, bounces=1), 2, seed=SEED
-    )
-    first, frames = taker.snapshot(data, 0).cameras[0], []
-    for k in range(TICKS + 1):
-        t_s = 1e-6 * TICK_US * k
-        turn = 2 * np.pi * CIRCLE_HZ * t_s
-        yaw = (PAN_PX_S * (t_s - 0.4) + CIRCLE_PX * np.cos(turn)) / bound.model.fx
-        pitch = CIRCLE_PX * np.sin(turn) / bound.model.fx
-        across = np.array([
-            [np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]
-        ])  # fmt: skip
-        up = np.array([
-            [1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]
-        ])  # fmt: skip
-        mat = np.ascontiguousarray((first.mat.reshape(3, 3) @ across @ up).reshape(9))
-        snapshot = taker.snapshot(data, TICK_US * k)
-        frames.append(renderer.render(snapshot, CameraPose(first.pos, mat)).copy())
-        mujoco.mj_step(model, data)
-    return np.stack(frames)
+    render = RenderConfig(spp=4, bounces=1)
+    size = WIDTH, HEIGHT
+    return np.stack([*hand_held(scene, size, TICKS, render, SEED, PAN_PX_S, CIRCLE_PX)])
 
 
 def ours(preset: str, **keys: Any) -> Row:

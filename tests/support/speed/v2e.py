@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +23,18 @@ MISSING = (
 
 
 def v2e_events(
-    folder: Path, frames: npt.NDArray[Any], options: dict[str, Any]
+    folder: Path,
+    frames: npt.NDArray[Any],
+    options: dict[str, Any],
+    times_us: Sequence[int] | None = None,
 ) -> npt.NDArray[np.float64]:
-    """The events of a film whose frames are 1 ms apart, by v2e's emulator.
+    """The events of a film by v2e's emulator.
 
     Args:
         folder: For the files by which the two processes talk.
         frames: (n, h, w) DN, of any dtype.
         options: Arguments of its EventEmulator.
+        times_us: When the frames are; None: 1 ms apart.
 
     Returns:
         (n, 4): t (s), x, y, 1 or -1.
@@ -39,10 +44,12 @@ def v2e_events(
     """
     if not V2E.exists():
         raise AbsentError(MISSING)
-    film, asked, made = (folder / name for name in ("film.npy", "options.json", "events.npy"))
+    names = ("film.npy", "times.npy", "options.json", "events.npy")
+    film, times, asked, made = (folder / name for name in names)
     np.save(film, frames)
+    np.save(times, 1e-3 * np.arange(len(frames)) if times_us is None else np.array(times_us) * 1e-6)
     asked.write_text(json.dumps(options))
-    words = [str(word) for word in (V2E, PEER, "events", film, asked, made)]
+    words = [str(word) for word in (V2E, PEER, "events", film, times, asked, made)]
     run = subprocess.run(words, capture_output=True, text=True)
     if run.returncode:
         raise AbsentError(f"v2e failed: {(run.stderr.strip().splitlines() or ['silently'])[-1]}")

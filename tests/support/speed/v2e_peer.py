@@ -2,8 +2,8 @@
 
 Each line on stdin requests the film once more, onwards and back in turns, as a camera goes on; the
 answer is a line with the number of events. There is no interpolation: that is `--disable_slomo`.
-`events FRAMES.npy OPTIONS.json EVENTS.npy` writes the events instead, (n, 4) float64: t (s), x, y,
-1 or -1. `program ARGUMENTS...` is the whole of v2e instead. Imports nothing of ours.
+`events FRAMES.npy TIMES.npy OPTIONS.json EVENTS.npy` writes the events instead, (n, 4) float64:
+t (s), x, y, 1 or -1. `program ARGUMENTS...` is the whole of v2e instead. Imports nothing of ours.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ def frames(film: str, options_file: str) -> None:
         print(events, flush=True)
 
 
-def events(film: str, options_file: str, target: str) -> None:
-    """Emulate the frames of a file, 1 ms apart, once."""
+def events(film: str, times: str, options_file: str, target: str) -> None:
+    """Emulate the frames of a file at their times (s), once."""
     import torch
     from v2ecore.emulator import EventEmulator
 
@@ -71,8 +71,8 @@ def events(film: str, options_file: str, target: str) -> None:
     options = json.loads(Path(options_file).read_text())
     emulator = EventEmulator(device="cpu", **options)
     parts = [np.empty((0, 4))]
-    for now_ms, frame in enumerate(shown):
-        found = emulator.generate_events(np.array(frame), now_ms * 1e-3)
+    for now_s, frame in zip(np.load(times), shown, strict=True):
+        found = emulator.generate_events(np.array(frame), float(now_s))
         if found is not None:
             parts.append(np.asarray(found, np.float64))
     np.save(target, np.concatenate(parts))
