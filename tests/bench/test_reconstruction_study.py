@@ -24,10 +24,11 @@ from evs.drivers.pictures import U8, write_png
 from evs.drivers.pictures.text_lines import paste, text_line
 from evs.emulator.base.scene import F32
 from evs.emulator.config import RenderConfig
-from evs.msgs import join_events
+from evs.msgs import Events, join_events
+from evs.tools.reconstruction import CUTOFF_RAD_S, complementary_filter
 from reference.esim import EVENT, esim
 from reference.hand_held import hand_held
-from reference.reconstruction import F64, Stream, fit, of_events, of_light
+from reference.reconstruction import F64, fit, of_light
 from speed.elsewhere import AbsentError
 from speed.v2e import v2e_events
 
@@ -40,8 +41,6 @@ EXPOSURES = {"bright": 60.0, "dark": 10.0, "night": 2.0}
 PAN_PX_S, CIRCLE_PX = 30.0, 6.0
 """slow enough that a spread of thresholds does not drown everything else"""
 TIMES_US = list(range(300_000, 1000 * TICKS + 1, 50_000))
-CUTOFF_RAD_S = 2 * np.pi
-"""the authors' default for pictures without frames"""
 OTHERS_RAD_S = (2.0, 20.0)
 FLOOR_DN = 0.5
 """Light below is as good as black: half a step of 8 bits."""
@@ -62,7 +61,7 @@ V2E_DEFAULTS: dict[str, Any] = {
 
 DRAWN = ["playroom, bright", "playroom, night"]
 SILENCE = "silence"
-Row = Callable[[F32, Path], Stream]
+Row = Callable[[F32, Path], Events]
 """(ticks + 1, h, w) DN, a folder for files -> events"""
 
 
@@ -77,7 +76,7 @@ def film(scene: str) -> F32:
 def ours(preset: str, **keys: Any) -> Row:
     """A row of evs: a preset and what differs from it."""
 
-    def row(dn: F32, _: Path) -> Stream:
+    def row(dn: F32, _: Path) -> Events:
         pixels = evs.Pixels(preset, (WIDTH, HEIGHT), unit="dn", seed=SEED, threads=2, **keys)
         parts = [pixels.observe(frame, TICK_US * k) for k, frame in enumerate(dn)]
         return join_events([*parts, pixels.finish()])
@@ -88,7 +87,7 @@ def ours(preset: str, **keys: Any) -> Row:
 def of_v2e(coded: bool, **options: Any) -> Row:
     """A row of v2e, on linear floats, or on 8 bits as a film has them."""
 
-    def row(dn: F32, folder: Path) -> Stream:
+    def row(dn: F32, folder: Path) -> Events:
         found = v2e_events(folder, as_coded(dn) if coded else dn, {"seed": SEED, **options})
         t, x, y, p = found.T
         return np.rec.fromarrays([np.rint(1e6 * t), x, y, p > 0], dtype=EVENT)
@@ -160,16 +159,16 @@ def shown(picture: F64, truth: F64) -> U8:
     return np.repeat(grey[:, :, np.newaxis], 3, axis=2)
 
 
-def judged(case: Case, events: Stream) -> tuple[list[str], U8]:
+def judged(case: Case, events: Events) -> tuple[list[str], U8]:
     """The row's cell in each of TABLES, and its picture in the middle of the times."""
     size = HEIGHT, WIDTH
-    made = of_events(events, size, TIMES_US, THRESHOLD, CUTOFF_RAD_S)
+    made = complementary_filter(events, size, TIMES_US, THRESHOLD, CUTOFF_RAD_S)
     fits = [fit(*pair) for pair in zip(made, case.truth, strict=True)]
     errors = np.sqrt(np.mean((made - case.filtered) ** 2, axis=(1, 2)))
     columns = [[f.correlation for f in fits], [f.ssim for f in fits], [f.mse for f in fits], errors]
     cells = [f"{np.mean(c):.3f} ± {np.std(c):.3f}" for c in columns]
     for cutoff in OTHERS_RAD_S:
-        again = of_events(events, size, TIMES_US, THRESHOLD, cutoff)
+        again = complementary_filter(events, size, TIMES_US, THRESHOLD, cutoff)
         found = [fit(*pair).correlation for pair in zip(again, case.truth, strict=True)]
         cells.append(f"{np.mean(found):.3f}")
     found = [fit(*pair).correlation for pair in zip(made, case.deep, strict=True)]

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from evs.emulator.sensor import PlainModel, SensorParameters
+from evs.tools.reconstruction import complementary_filter, ssim
 from reference.esim import EVENT, LOG_EPS, esim
-from reference.reconstruction import fit, of_events, of_light, ssim
+from reference.reconstruction import fit, of_light
 
 THRESHOLD, CUTOFF_RAD_S, TICK_US = 0.01, 6.0, 1000
 RANDOM = np.random.default_rng(4)
@@ -17,7 +18,7 @@ SMOOTH = np.cumsum(RANDOM.normal(0, 0.02, (201, 12, 14)), axis=0)
 
 def test_the_filter_of_two_events_is_its_closed_form() -> None:
     events = np.array([(30_000, 1, 0, 0), (10_000, 1, 0, 1)], EVENT)
-    state = of_events(events, (1, 3), [5_000, 10_000, 50_000], 0.2, CUTOFF_RAD_S)
+    state = complementary_filter(events, (1, 3), [5_000, 10_000, 50_000], 0.2, CUTOFF_RAD_S)
     late = 0.2 * (np.exp(-CUTOFF_RAD_S * 0.04) - np.exp(-CUTOFF_RAD_S * 0.02))
     expected = [[[0, 0, 0]], [[0, 0.2, 0]], [[0, late, 0]]]
     assert state == pytest.approx(np.array(expected), abs=1e-15)
@@ -25,8 +26,8 @@ def test_the_filter_of_two_events_is_its_closed_form() -> None:
 
 def test_events_are_read_once_however_often_the_state_is() -> None:
     events = np.array([(t, 0, 0, 1) for t in range(0, 90_000, 1000)], EVENT)
-    often = of_events(events, (1, 1), list(range(0, 100_001, 500)), 0.1, CUTOFF_RAD_S)
-    once = of_events(events, (1, 1), [100_000], 0.1, CUTOFF_RAD_S)
+    often = complementary_filter(events, (1, 1), list(range(0, 100_001, 500)), 0.1, CUTOFF_RAD_S)
+    once = complementary_filter(events, (1, 1), [100_000], 0.1, CUTOFF_RAD_S)
     assert often[-1] == pytest.approx(once[0], rel=1e-12)
 
 
@@ -42,7 +43,7 @@ def test_events_of_a_film_give_the_filter_of_its_light_within_a_threshold() -> N
     light = np.exp(SMOOTH) - LOG_EPS
     times = [50_000, 120_000, 200_000]
     events = esim(light, TICK_US, THRESHOLD, 0.0, 0)
-    made = of_events(events, SMOOTH.shape[1:], times, THRESHOLD, CUTOFF_RAD_S)
+    made = complementary_filter(events, SMOOTH.shape[1:], times, THRESHOLD, CUTOFF_RAD_S)
     true = of_light(SMOOTH - SMOOTH[0], TICK_US, times, CUTOFF_RAD_S)
     # what the events do not say yet is below a threshold, and the high pass at most doubles it
     assert np.abs(made - true).max() < 2 * THRESHOLD
