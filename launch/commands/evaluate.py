@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,14 @@ examples:
   evs evaluate --quick                           two scenes, a first impression
   evs evaluate --json all.json --markdown all.md --picture all.png      the whole table
   evs evaluate mine.onnx --scenes gymnasium/ant --spp 4,16              your own network as well
+  evs evaluate --reconstruct firenet.onnx        video from the events, against the true frames
 
 Scenes are robots that no network has seen in training (gymnasium/ant, dm_control/walker ...),
 procedural scenes with seeds reserved for evaluation (procedural/0, procedural/1 ...), your own file
 or package:path. Light is traced only at the measured pixels and is cached, so a second run traces
 nothing. The set held_out has robots that nothing was ever tuned on, either.
-docs/explanation/evaluation.md explains each column."""
+docs/explanation/evaluation.md explains each column, docs/explanation/real2sim.md those of
+--reconstruct and what a network for it must look like."""
 
 LISTS = {
     "scenes": "scenes, or sets of them: default, held_out; separated by commas",
@@ -56,11 +59,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
         add(f"--{name}", type=int, metavar="N", help=line, dest=name.replace("-", "_"))
     for name, line in NAMES.items():
         add(f"--{name}", metavar="NAME", help=line, dest=name.replace("-", "_"))
+    add(
+        "--reconstruct",
+        nargs="?",
+        const="",
+        metavar="NET.onnx",
+        help="another table: video made of the events by a filter, and by your network",
+    )
+    add("--raw-voxels", action="store_true", help="do not normalise what NET.onnx receives")
     add("--quick", action="store_true", help="two scenes, few pixels: under two minutes")
     add("--cache", metavar="DIR", help="folder for traced light (the user's cache folder)")
     add("--json", metavar="FILE", help="write everything that was measured")
     add("--markdown", metavar="FILE.md", help="write the table to FILE.md instead of stdout")
-    add("--picture", metavar="FILE.png", help="draw EMD and recall against samples per pixel")
+    add("--picture", metavar="FILE.png", help="draw EMD and recall, or the reconstructed pictures")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
     parser.epilog = EXAMPLES
 
@@ -70,10 +81,6 @@ def run(args: argparse.Namespace) -> int:
     # here, so that --help is quick
     from evs.drivers.pictures import suffix_of, write_png
     from evs.drivers.run.report import check_targets, write_whole
-    from evs.launch.support import terminal
-    from evs.tools.evaluation import evaluate, models, table
-    from evs.tools.evaluation.chart_page import evaluation_page
-    from evs.tools.evaluation.light_cache import LightCache, user_cache
 
     numbers, words, picture = (
         None if text is None else Path(text) for text in (args.json, args.markdown, args.picture)
@@ -81,27 +88,93 @@ def run(args: argparse.Namespace) -> int:
     if picture is not None and suffix_of(picture) != ".png":
         raise EvsError(f"--picture is '{picture}': end it in .png")
     check_targets([path for path in (numbers, words, picture) if path is not None])
+    made = _events(args) if args.reconstruct is None else _video(args)
+    text = made.markdown()
+    if numbers is not None:
+        write_whole(made.json(), numbers)
+    if words is not None:
+        write_whole(text, words)
+    elif not args.quiet:
+        print(text, end="")
+    if picture is not None:
+        write_png(picture, made.page(), few_colours=True)
+    return 0
+
+
+@dataclass(frozen=True)
+class _Made:
+    """What an evaluation can be written as."""
+
+    markdown: Callable[[], str]
+    json: Callable[[], str]
+    page: Callable[[], Any]
+
+
+def _events(args: argparse.Namespace) -> _Made:
+    """The table of events."""
+    from evs.launch.support import terminal
+    from evs.tools.evaluation import evaluate, table
+    from evs.tools.evaluation.chart_page import evaluation_page
+
+    if args.raw_voxels:
+        raise EvsError(
+            "--raw-voxels is for a network that makes video; give --reconstruct NET.onnx"
+        )
     settings = _settings(args, evaluate.QUICK if args.quick else evaluate.EvaluationSettings())
+    judged, missing, checked, cache = _prepared(args, settings)
+    total = evaluate.work(settings, evaluate.look_ahead(judged))
+    with terminal.bar("tracing", total, args.quiet) as moved:
+        found = evaluate.evaluate(settings, cache, judged, moved, _command(args))
+    found = replace(found, left_out=missing, check=checked)
+    return _Made(lambda: table.markdown(found), found.to_json, lambda: evaluation_page(found), True)
+
+
+def _video(args: argparse.Namespace) -> _Made:
+    """The table of reconstructed video."""
+    from evs.launch.support import terminal
+    from evs.tools.evaluation import reconstruct, reconstruct_table
+    from evs.tools.evaluation.reconstruct_page import video_page
+    from evs.tools.reconstruction import read_video_network
+
+    if args.pixels is not None:
+        raise EvsError("--reconstruct needs every pixel of its pictures; leave out --pixels")
+    if args.raw_voxels and not args.reconstruct:
+        raise EvsError(
+            "--raw-voxels is for a network that makes video; give --reconstruct NET.onnx"
+        )
+    settings = _settings(args, reconstruct.QUICK if args.quick else reconstruct.SETTINGS)
+    reconstruct.picture_ticks(settings)
+    network = None
+    if args.reconstruct:
+        network = read_video_network(
+            Path(args.reconstruct), settings.size[::-1], raw=args.raw_voxels,
+            provider=settings.provider, threads=settings.threads,
+        )  # fmt: skip
+    judged, missing, _, cache = _prepared(args, settings)
+    by = reconstruct.reconstructors(settings, network)
+    with terminal.bar("tracing", reconstruct.work(settings, judged), args.quiet) as moved:
+        found = reconstruct.evaluate_video(settings, cache, judged, by, moved, _command(args))
+    found = replace(found, left_out=missing)
+    return _Made(
+        lambda: reconstruct_table.video_markdown(found),
+        lambda: reconstruct_table.video_json(found),
+        lambda: video_page(found),
+    )
+
+
+def _prepared(args: argparse.Namespace, settings: Any) -> tuple[Any, list[str], Any, Any]:
+    """The models, a line for each that is not there, the check of the user's own, the cache."""
+    from evs.launch.support import terminal
+    from evs.tools.evaluation import models
+    from evs.tools.evaluation.light_cache import LightCache, user_cache
+
     judged, missing = models.models_under_test(settings.models, settings.network, settings.how)
     for line in missing:
         terminal.warn(line)
     own = settings.network
     checked = None if own is None else _checked(own, settings.provider)
     cache = LightCache(user_cache() if args.cache is None else Path(args.cache).expanduser())
-    total = evaluate.work(settings, evaluate.look_ahead(judged))
-    with terminal.bar("tracing", total, args.quiet) as moved:
-        found = evaluate.evaluate(settings, cache, judged, moved, _command(args))
-    found = replace(found, left_out=missing, check=checked)
-    text = table.markdown(found)
-    if numbers is not None:
-        write_whole(found.to_json(), numbers)
-    if words is not None:
-        write_whole(text, words)
-    elif not args.quiet:
-        print(text, end="")
-    if picture is not None:
-        write_png(picture, evaluation_page(found), few_colours=True)
-    return 0
+    return judged, missing, checked, cache
 
 
 def _checked(network: Path, provider: str) -> Any:
@@ -150,6 +223,10 @@ def _command(args: argparse.Namespace) -> str:
         value = getattr(args, name.replace("-", "_"))
         if value is not None:
             parts += [f"--{name}", str(value)]
+    if args.reconstruct is not None:
+        parts += ["--reconstruct", *([args.reconstruct] if args.reconstruct else [])]
+    if args.raw_voxels:
+        parts.append("--raw-voxels")
     if args.quick:
         parts.insert(1, "--quick")
     return reinvoke.command(parts)

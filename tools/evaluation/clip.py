@@ -100,6 +100,7 @@ def make_clip(
     seed: int = 0,
     look_ticks: int | None = None,
     tick_us: int = TICK_US,
+    pan_px_s: float = PAN_PX_S,
 ) -> Clip:
     """Simulate the scene and record a snapshot of each tick.
 
@@ -110,11 +111,12 @@ def make_clip(
         motion: of the camera, one of MOTIONS.
         ticks: of tick_us.
         sampled: pixels spread over the image.
-        patch_px: side of the patch.
+        patch_px: side of the patch; 0: there is none.
         size: of the image, px.
         seed: of the controls and of the sampled pixels.
         look_ticks: how many of the ticks choose where the patch lies (all).
         tick_us: length of a tick.
+        pan_px_s: how fast motion `pan` turns.
 
     Raises:
         EvsError: unknown motion, too many pixels, a scene that breaks down.
@@ -130,7 +132,7 @@ def make_clip(
     control = make_control(model, "random", seed=seed, scale=CONTROL_SCALE)
     bound = bind_camera(model, setup.camera, width, height, setup.view)
     poser = SnapshotTaker(model, [bound])
-    moved = camera_motion(motion, bound.model)
+    moved = camera_motion(motion, bound.model, pan_px_s)
     warm = -(-setup.warm_ticks * TICK_US // tick_us)
     instants: list[Instant] = []
     for tick in range(warm + ticks):
@@ -145,7 +147,7 @@ def make_clip(
         physics.advance()
     scene = extract_scene(model)
     looked = [instants[k] for k in np.linspace(0, (look_ticks or ticks) - 1, _LOOKS).astype(int)]
-    corner = busiest_corner(scene, bound.model, looked, patch_px)
+    corner = busiest_corner(scene, bound.model, looked, patch_px) if patch_px else (0, 0)
     spread, patch = spread_pixels(size, sampled, seed), patch_pixels(corner, patch_px)
     return Clip(
         setup.name,
@@ -163,14 +165,16 @@ def make_clip(
     )
 
 
-def camera_motion(name: str, camera: CameraModel) -> Callable[[CameraPose, int], CameraPose]:
+def camera_motion(
+    name: str, camera: CameraModel, pan_px_s: float = PAN_PX_S
+) -> Callable[[CameraPose, int], CameraPose]:
     """A function from the pose of the camera at rest and a time, us, to its moving pose.
 
     A motion that the scene gives the camera is kept, and this one is added.
     """
 
     def pan(rest: CameraPose, t_us: int) -> CameraPose:
-        angle = PAN_PX_S * 1e-6 * t_us / camera.fx
+        angle = pan_px_s * 1e-6 * t_us / camera.fx
         cos, sin = np.cos(angle), np.sin(angle)
         turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
         return CameraPose(rest.pos, np.ascontiguousarray((turn @ rest.mat.reshape(3, 3)).ravel()))

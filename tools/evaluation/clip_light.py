@@ -19,6 +19,8 @@ from evs.tools.evaluation.light_cache import LightCache
 SEED = 3
 """of the light under test; the halves of the reference have 1 and 2"""
 HALF_SEEDS = (1, 2)
+WARM = 42
+"""ticks of the first instant with fresh noise, which a network sees before the clip: its window"""
 
 _PROBED_PX = 64
 _PROBED_SPP = 4
@@ -116,3 +118,38 @@ def light_of(
     light = cache.get(key, (ticks, len(clip.pixels)), trace)
     moved(spec.spp * (ticks - done))
     return light
+
+
+class NoisyLight:
+    """The lights under test of one clip."""
+
+    def __init__(
+        self,
+        clip: Clip,
+        ticks: int,
+        cache: LightCache,
+        threads: int,
+        moved: Callable[[int], None],
+    ) -> None:
+        """Hash the clip.
+
+        Args:
+            clip: the clip.
+            ticks: how many of it, with those that a model looks ahead.
+            cache: holds the light.
+            threads: worker threads; 0: one per core.
+            moved: as of `light_of`.
+        """
+        before = clip.before(WARM)
+        self._clip = clip, clip.fingerprint(ticks), ticks
+        self._before = before, before.fingerprint(WARM), WARM
+        self._cache, self._threads, self._moved = cache, threads, moved
+
+    def of(self, spec: LightSpec) -> tuple[F32, F32 | None]:
+        """(ticks, n) light, and of fresh seeds (WARM, n) light of the scene at rest before."""
+        light = self._traced(self._clip, spec)
+        return light, self._traced(self._before, spec) if spec.seeds == "fresh" else None
+
+    def _traced(self, part: tuple[Clip, str, int], spec: LightSpec) -> F32:
+        clip, fingerprint, ticks = part
+        return light_of(clip, fingerprint, spec, ticks, self._cache, self._threads, self._moved)

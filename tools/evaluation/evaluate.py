@@ -19,7 +19,7 @@ from evs.tools.evaluation import models, scenes
 from evs.tools.evaluation.aggregate import ResultCell
 from evs.tools.evaluation.claims import NOTHING, REFERENCE
 from evs.tools.evaluation.clip import MOTIONS, PATCH_PX, SIZE, TICK_US, Clip, make_clip
-from evs.tools.evaluation.clip_light import HALF_SEEDS, LightSpec, light_of
+from evs.tools.evaluation.clip_light import HALF_SEEDS, WARM, LightSpec, NoisyLight, light_of
 from evs.tools.evaluation.light_cache import LightCache
 from evs.tools.evaluation.measure import Mask, measure
 from evs.tools.evaluation.models import RuntimeOptions
@@ -33,8 +33,6 @@ K = 384
 DIRECT_SPP = 4
 CYCLE_LATE = 2
 """ticks by which moving light is late in a cycle of seeds, rounded up"""
-WARM = 42
-"""ticks of the first instant with fresh noise, which a network sees before the clip: its window"""
 STILL = 0.05
 """log units, a quarter of a threshold: a pixel whose converged light varies by less stands still,
 and every event on it is false"""
@@ -98,6 +96,11 @@ class EvaluationSettings:
         """The last ticks of a clip; those before let running means and windows settle."""
         return min(K, self.ticks - 1)
 
+    def plain(self) -> dict[str, Any]:
+        """Plain values, for a report."""
+        network = None if self.network is None else str(self.network)
+        return {**asdict(self), "network": network}
+
 
 QUICK = EvaluationSettings(
     scenes=scenes.QUICK,
@@ -146,7 +149,7 @@ def evaluate(
         command: the command line, for the report.
     """
     setups = [scenes.scene_setup(name) for name in settings.scenes]
-    result = Evaluation(command, _plain(settings), {**versions(), **emulator_versions()})
+    result = Evaluation(command, settings.plain(), {**versions(), **emulator_versions()})
     latency = look_ahead(models_under_test)
     done = 0
     for setup in setups:
@@ -219,18 +222,11 @@ def _judge(
         cell(half, "converged", REFERENCE, halves[1], 0.0, halves[0]),
         cell(replace(half, spp=0), "none", NOTHING, reference[:0], 0.0, reference),
     ]
-    longer = clip.fingerprint(ticks + latency)
-    still_before = clip.before(WARM)
-    earlier = still_before.fingerprint(WARM)
+    noisy = NoisyLight(clip, ticks + latency, cache, threads, step)
     for spec in lights(settings):
-        light = light_of(clip, longer, spec, ticks + latency, cache, threads, step)
-        warm = None
-        if spec.seeds == "fresh":
-            warm = light_of(still_before, earlier, spec, WARM, cache, threads, step)
+        light, warm = noisy.of(spec)
         for tested in models_under_test:
-            chosen = tested.at(spec.noisy_samples)
-            out = models.run(chosen, light, warm)
-            out.events["t"] -= round(TICK_US * spec.render.delay_ticks)
+            out = run_on(tested, spec, light, warm)
             cells.append(
                 cell(spec, spec.renderer, tested.name, out.events, out.ms_per_tick, reference)
             )
@@ -249,6 +245,15 @@ def _judge(
     return facts, cells
 
 
+def run_on(
+    tested: models.ModelUnderTest, spec: LightSpec, light: F32, warm: F32 | None
+) -> models.ModelOutput:
+    """Run a model as `models.run` does; the delay of a cycle of seeds is subtracted too."""
+    out = models.run(tested.at(spec.noisy_samples), light, warm)
+    out.events["t"] -= round(TICK_US * spec.render.delay_ticks)
+    return out
+
+
 def stands_still(light: F32) -> Mask:
     """Find the pixels whose log light varies by less than STILL in all.
 
@@ -261,9 +266,3 @@ def stands_still(light: F32) -> Mask:
     log = log_light(light, models.sensor_of(1))
     still: Mask = np.ptp(log, axis=0) < STILL
     return still
-
-
-def _plain(settings: EvaluationSettings) -> dict[str, Any]:
-    result = asdict(settings)
-    result["network"] = None if settings.network is None else str(settings.network)
-    return result

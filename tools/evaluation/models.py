@@ -64,6 +64,13 @@ class ModelUnderTest:
     make: Make
     latency_ticks: int = 0
     """ticks that it looks ahead; they are subtracted from its stamps"""
+    spp: tuple[int, int] | None = None
+    """fewest and most samples a pixel of the light that it was trained on; None: any light"""
+
+    def meant_for(self, spp: Sequence[int]) -> list[int]:
+        """These numbers of samples a pixel, each moved to the nearest that the model knows."""
+        least, most = self.spp or (min(spp), max(spp))
+        return sorted({min(max(samples, least), most) for samples in spp})
 
     def at(self, spp: int) -> ModelUnderTest:
         """The model for light of so many samples a pixel; 0: of light without noise."""
@@ -77,6 +84,11 @@ class NetworkFamily(ModelUnderTest):
 
     found: tuple[tuple[int, ModelUnderTest], ...] = ()
     """(samples a pixel, the member for them)"""
+
+    def meant_for(self, spp: Sequence[int]) -> list[int]:
+        """The samples of the members that serve these."""
+        known = {samples: samples for samples, _ in self.found}
+        return sorted({nearest_member(known, samples) for samples in spp})
 
     def at(self, spp: int) -> ModelUnderTest:
         """The member for light of so many samples a pixel."""
@@ -190,13 +202,13 @@ def network(weights: Network, how: RuntimeOptions, name: str = "") -> ModelUnder
 
     # fail before anything is rendered
     make(sensor_of(1))
-    return ModelUnderTest(name, make, weights.latency_ticks)
+    return ModelUnderTest(name, make, weights.latency_ticks, weights.spp)
 
 
 def _family(name: str, found: dict[int, str], how: RuntimeOptions) -> NetworkFamily:
     networks = [(spp, network(load_network(member), how, member)) for spp, member in found.items()]
     latest = max(one.latency_ticks for _, one in networks)
-    return NetworkFamily(name, networks[0][1].make, latest, tuple(networks))
+    return NetworkFamily(name, networks[0][1].make, latest, found=tuple(networks))
 
 
 def _pixel(name: str, threads: int) -> Make:

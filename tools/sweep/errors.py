@@ -21,9 +21,9 @@ from evs.emulator.sensor import resolve_sensor
 from evs.emulator.world import digest_of
 from evs.msgs import Events, EvsError
 from evs.tools.evaluation.clip import TICK_US, Clip, make_clip
-from evs.tools.evaluation.clip_light import HALF_SEEDS
+from evs.tools.evaluation.clip_light import HALF_SEEDS, WARM
 from evs.tools.evaluation.digest import digest
-from evs.tools.evaluation.evaluate import WARM, stands_still
+from evs.tools.evaluation.evaluate import stands_still
 from evs.tools.evaluation.light_cache import LightCache
 from evs.tools.evaluation.measure import Mask, Measures, measure
 from evs.tools.evaluation.scenes import SceneSetup, scene_setup
