@@ -38,9 +38,15 @@ def equalise(picture: F64, step: float) -> F64:
     return np.asarray(share[inverse.reshape(picture.shape)])
 
 
-def ssim(picture: F64, truth: F64) -> float:
-    """Structural similarity with a Gaussian window; the truth's own span is the full scale."""
-    span = float(np.ptp(truth))
+def ssim(picture: F64, truth: F64, span: float | None = None) -> float:
+    """Structural similarity with a Gaussian window, over the pixels whose window is complete.
+
+    Args:
+        picture: (h, w), 11 x 11 px or more.
+        truth: (h, w).
+        span: the full scale, from black to white; the truth's own where it is not given.
+    """
+    span = float(np.ptp(truth)) if span is None else span
     c1, c2 = (0.01 * span) ** 2, (0.03 * span) ** 2
     one, two = _blurred(picture), _blurred(truth)
     var_one = _blurred(picture * picture) - one * one

@@ -32,7 +32,7 @@ MAX_BINS = 1000
 MAX_SHARE = 256
 """the smallest state is one pixel for so many of the picture's side"""
 
-_SIDE = re.compile(r"(?:(\d{1,4})\*)?\(?[A-Za-z_]\w*\)?(?://?(\d{1,4}))?")
+_SIDE = re.compile(r"(?:(\d{1,4})\*)?[A-Za-z_]\w*(?://?(\d{1,4}))?")
 """of a free dimension: a name, or a multiple or a part of one"""
 
 Shape = tuple[int, ...]
