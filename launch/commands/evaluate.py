@@ -126,7 +126,7 @@ def _events(args: argparse.Namespace) -> _Made:
     with terminal.bar("tracing", total, args.quiet) as moved:
         found = evaluate.evaluate(settings, cache, judged, moved, _command(args))
     found = replace(found, left_out=missing, check=checked)
-    return _Made(lambda: table.markdown(found), found.to_json, lambda: evaluation_page(found), True)
+    return _Made(lambda: table.markdown(found), found.to_json, lambda: evaluation_page(found))
 
 
 def _video(args: argparse.Namespace) -> _Made:
