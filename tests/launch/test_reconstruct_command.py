@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,10 @@ import pytest
 from onnx import helper
 from PIL import Image
 
+from evs.emulator.base.scene import F64
+from evs.emulator.sensor.pixel import log_light
 from evs.launch.main import main
-from evs.msgs import EvsError
+from evs.msgs import Events, EvsError
 from evs.tools.evaluation import models, scenes
 from evs.tools.evaluation import reconstruct as video
 from evs.tools.evaluation.clip import make_clip
@@ -130,6 +133,40 @@ def test_what_the_rows_say(tmp_path: Path) -> None:
         assert noisy[by]["lpa"][0] > reference[by]["lpa"][0] > 0
     hz = {(row.model, row.light): row.events_hz for row in video_rows(found.cells)}
     assert hz["plain", "2 fresh"] > 2 * hz["reference", "16 fixed"] > 0 == hz["nothing", "none"]
+
+
+def test_who_knows_the_light_is_right_at_every_time(tmp_path: Path) -> None:
+    scene = written(tmp_path)
+    settings = tiny(scene, models=("plain",), spp=(1,), reference_spp=2)
+    clip = make_clip(
+        scenes.scene_setup(str(scene)), "pan", 81, sampled=SIZE[0] * SIZE[1], patch_px=0,
+        size=SIZE, pan_px_s=170.0 * SIZE[1] / 260,
+    )  # fmt: skip
+    renderer = renderer_of(clip, LightSpec("path", 16, seed=2), 1)
+    asked: list[Sequence[int]] = []
+
+    def knowing(_events: Events, times_us: Sequence[int]) -> F64:
+        asked.append(times_us)
+        frames = [renderer.render(*clip.instants[t // 1000]).copy() for t in times_us]
+        return log_light(np.stack(frames), models.sensor_of(1)).astype(np.float64)
+
+    tested, _ = models.models_under_test(("plain",), None, settings.how)
+    by = [video.Reconstructor("knowing", knowing, video.LOG_STEP)]
+    found = video.evaluate_video(settings, LightCache(tmp_path / "cache"), tested, by)
+    assert asked == [[20_000, 40_000, 60_000, 80_000]] * 5
+    for cell in found.cells:
+        assert cell.measures["knowing"].ssim == pytest.approx([1, 1])
+
+
+def test_a_row_is_the_mean_of_all_times_and_the_spread_over_those_of_a_scene() -> None:
+    def cell(scene: str, *ssim: float) -> video.VideoCell:
+        measures = video.PictureMeasures(list(ssim), list(ssim), list(ssim))
+        return video.VideoCell(scene, "pan", "4 fixed", "plain", 2.0, {"filter": measures}, {})
+
+    (row,) = video_rows([cell("one", 0.1, 0.3), cell("two", 0.8, 0.8)])
+    # the scenes' difference is no spread over times
+    assert row.values["filter"]["ssim"] == pytest.approx((0.5, np.sqrt(0.1**2 / 2)))
+    assert row.events_hz == 2.0
 
 
 def test_pictures_are_whole(scene: Path) -> None:
