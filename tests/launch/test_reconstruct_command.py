@@ -22,7 +22,7 @@ from evs.tools.evaluation import reconstruct as video
 from evs.tools.evaluation.clip import make_clip
 from evs.tools.evaluation.clip_light import LightSpec, renderer_of
 from evs.tools.evaluation.light_cache import LightCache
-from evs.tools.evaluation.reconstruct_table import video_rows
+from evs.tools.evaluation.reconstruct_table import summary, video_markdown
 from evs.tools.reconstruction import read_video_network
 from reference.graphs import graph
 from reference.judged import written
@@ -92,12 +92,12 @@ def test_command_json_and_picture(
     assert told["reconstructors"] == ["filter", "summing"]
     assert told["command"].endswith(f"--reconstruct {net} --raw-voxels")
     assert f"    {told['command']}\n" in said.out
-    rows = [(row["light"], row["model"]) for row in told["rows"]]
+    rows = [(cell["light"], cell["model"]) for cell in told["cells"]]
     assert rows == [
         ("16 fixed", "truth"), ("2 fixed", "reference"), ("none", "nothing"),
         ("1 fixed", "plain"), ("1 cycle", "plain"), ("1 fresh", "plain"),
     ]  # fmt: skip
-    assert said.out.count("\n| pan | ") == len(rows)
+    assert said.out.count(f"\n| {scene} | pan | ") == len(rows)
     # of pictures at 20 and 40 ms, the later half
     assert all(len(cell["measures"]["filter"]["ssim"]) == 1 for cell in told["cells"])
     with Image.open(out[1]) as image:
@@ -120,7 +120,7 @@ def test_what_the_rows_say(tmp_path: Path) -> None:
     # a floor with much to see, and time for it to move by some pixels
     settings = tiny(written(tmp_path), ticks=201)
     found = judge(settings, tmp_path / "cache", summing(tmp_path))
-    rows = {(row.model, row.light): row.values for row in video_rows(found.cells)}
+    rows = {(cell.model, cell.light): summary(cell) for cell in found.cells}
     assert len(rows) == 3 + 2 * 4
     truth, silent = rows["truth", "128 fixed"], rows["nothing", "none"]
     reference, noisy = rows["reference", "16 fixed"], rows["plain", "2 fresh"]
@@ -131,7 +131,7 @@ def test_what_the_rows_say(tmp_path: Path) -> None:
         assert reference[by]["ssim"][0] > noisy[by]["ssim"][0] > silent[by]["ssim"][0]
         # noise has energy too
         assert noisy[by]["lpa"][0] > reference[by]["lpa"][0] > 0
-    hz = {(row.model, row.light): row.events_hz for row in video_rows(found.cells)}
+    hz = {(cell.model, cell.light): cell.events_hz for cell in found.cells}
     assert hz["plain", "2 fresh"] > 2 * hz["reference", "16 fixed"] > 0 == hz["nothing", "none"]
 
 
@@ -158,15 +158,13 @@ def test_who_knows_the_light_is_right_at_every_time(tmp_path: Path) -> None:
         assert cell.measures["knowing"].ssim == pytest.approx([1, 1])
 
 
-def test_a_row_is_the_mean_of_all_times_and_the_spread_over_those_of_a_scene() -> None:
-    def cell(scene: str, *ssim: float) -> video.VideoCell:
-        measures = video.PictureMeasures(list(ssim), list(ssim), list(ssim))
-        return video.VideoCell(scene, "pan", "4 fixed", "plain", 2.0, {"filter": measures}, {})
-
-    (row,) = video_rows([cell("one", 0.1, 0.3), cell("two", 0.8, 0.8)])
-    # the scenes' difference is no spread over times
-    assert row.values["filter"]["ssim"] == pytest.approx((0.5, np.sqrt(0.1**2 / 2)))
-    assert row.events_hz == 2.0
+def test_a_row_has_the_mean_and_the_deviation_over_the_times() -> None:
+    measures = video.PictureMeasures([0.1, 0.3], [-1.0, 1.0], [2.0, 4.0])
+    cell = video.VideoCell("one", "pan", "4 fixed", "plain", 2.0, {"net": measures}, {})
+    found = video.VideoEvaluation("evs", {}, {}, ["net"], [cell])
+    assert summary(cell)["net"]["ssim"] == pytest.approx((0.2, 0.1))
+    line = "| one | pan | 4 fixed | plain | 2 | 0.200 ± 0.100 | 0.000 ± 1.000 | 3.00 ± 1.00 |"
+    assert video_markdown(found).splitlines()[-1] == line
 
 
 def test_pictures_are_whole(scene: Path) -> None:

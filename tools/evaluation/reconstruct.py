@@ -43,7 +43,7 @@ FILTER, TRUTH = "filter", "truth"
 PX = (128, 96)
 
 SETTINGS = EvaluationSettings(
-    scenes=("gymnasium/ant", "procedural/0"),
+    scenes=("gymnasium/ant", "gymnasium/humanoid", "procedural/0"),
     cameras=("pan",),
     spp=(4, 16),
     models=("plain", "adaptive", "evsnet_c8", "paper"),
