@@ -52,7 +52,15 @@ SETTINGS = EvaluationSettings(
     size=PX,
     patch_px=0,
 )
-QUICK = replace(SETTINGS, scenes=scenes.QUICK[:1], spp=(4,), ticks=200, reference_spp=16)
+QUICK = replace(
+    SETTINGS,
+    scenes=scenes.QUICK[:1],
+    spp=(4,),
+    models=SETTINGS.models[:3],
+    ticks=200,
+    reference_spp=16,
+)
+"""A first impression."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +119,9 @@ def reconstructors(
     width, height = settings.size
 
     def filtered(events: Events, times_us: Sequence[int]) -> F64:
-        return complementary_filter(events, (height, width), times_us, models.SENSOR.pos_thres or 0)
+        return complementary_filter(
+            events, (height, width), times_us, models.sensor_of(1).pos_thres
+        )
 
     found = [Reconstructor(FILTER, filtered, LOG_STEP)]
     if network is not None:
