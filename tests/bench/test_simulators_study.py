@@ -29,7 +29,7 @@ from evs.drivers.pictures.scales import Scale
 from evs.drivers.pictures.text_lines import legend_line, paste, side_by_side, text_line
 from evs.emulator.base.scene import F32
 from evs.emulator.config import ModelConfig, RenderConfig
-from evs.msgs import join_events
+from evs.msgs import Events, join_events
 from reference.esim import EVENT, esim
 from reference.hand_held import hand_held
 from reference.intensity import (
@@ -42,7 +42,7 @@ from reference.intensity import (
     tenths,
     total_variation,
 )
-from reference.reconstruction import F64, Stream
+from reference.reconstruction import F64
 from speed.elsewhere import AbsentError
 from speed.v2e import v2e_events
 from speed.voltmeter import voltmeter_events
@@ -76,7 +76,7 @@ V2E_DEFAULTS: dict[str, Any] = {
 """of its command; those of the class differ"""
 
 REFERENCE, SILENCE, HALF = "reference", "no events", "evs, half of the light"
-Row = Callable[[Path], Stream]
+Row = Callable[[Path], Events]
 """a folder for files -> events, without a delay"""
 
 
@@ -127,7 +127,7 @@ def ours(
 ) -> Row:
     """A row of evs, on light of its own or on that of the reference."""
 
-    def row(_: Path) -> Stream:
+    def row(_: Path) -> Events:
         pixels = evs.Pixels(
             preset, (WIDTH, HEIGHT), model=model, unit="dn", seed=SEED, threads=2, **BOTH, **keys
         )
@@ -139,7 +139,7 @@ def ours(
     return row
 
 
-def ours_at_60(_: Path) -> Stream:
+def ours_at_60(_: Path) -> Events:
     """The noise-free pixel of evs on 60 FPS."""
     pixels = evs.Pixels("ideal", (WIDTH, HEIGHT), unit="dn", threads=2, **BOTH)
     parts = [pixels.observe(frame, t) for t, frame in zip(*frames(60), strict=True)]
@@ -149,7 +149,7 @@ def ours_at_60(_: Path) -> Stream:
 def of_v2e(fps: int, coded: bool, options: dict[str, Any]) -> Row:
     """A row of v2e, on linear floats, or on 8 bits as a film has them."""
 
-    def row(folder: Path) -> Stream:
+    def row(folder: Path) -> Events:
         times_us, dn = frames(fps)
         film = as_coded(dn) if coded else dn
         t, x, y, p = v2e_events(folder, film, {"seed": SEED, **options}, times_us).T
@@ -161,7 +161,7 @@ def of_v2e(fps: int, coded: bool, options: dict[str, Any]) -> Row:
 def of_voltmeter(fps: int, coded: bool) -> Row:
     """A row of DVS-Voltmeter, on linear floats, or on 8 bits as a film has them."""
 
-    def row(folder: Path) -> Stream:
+    def row(folder: Path) -> Events:
         times_us, dn = frames(fps)
         found = voltmeter_events(folder, as_coded(dn) if coded else dn, times_us, SEED)
         return np.rec.fromarrays(list(found.T), dtype=EVENT)
@@ -169,7 +169,7 @@ def of_voltmeter(fps: int, coded: bool) -> Row:
     return row
 
 
-def of_esim(_: Path) -> Stream:
+def of_esim(_: Path) -> Events:
     """The row of ESIM, without a spread of thresholds."""
     return esim((frame / 255 for frame in converged()), TICK_US, THRESHOLD, 0.0, SEED)
 
@@ -243,7 +243,7 @@ PANELS: dict[tuple[str, float], dict[str, tuple[RGB, str]]] = {
 }
 
 
-def measured(events: Stream, reference: Stream) -> list[float]:
+def measured(events: Events, reference: Events) -> list[float]:
     """A value for each of COLUMNS."""
     size = HEIGHT, WIDTH
     counts, true = (counts_of(some, size, EDGES_US) for some in (events, reference))
@@ -261,7 +261,7 @@ def measured(events: Stream, reference: Stream) -> list[float]:
     ]
 
 
-def page(streams: dict[str, Stream], begin_us: int, end_us: int) -> U8:
+def page(streams: dict[str, Events], begin_us: int, end_us: int) -> U8:
     """The light, and the events of every row from one time to another, in a grid with captions."""
     factor, across, gap, size_px = 2, 5, 8, 15
     light = to_srgb8(converged()[(begin_us + end_us) // 2 // TICK_US], 1 / 255)
@@ -285,7 +285,7 @@ def page(streams: dict[str, Stream], begin_us: int, end_us: int) -> U8:
     return drawn
 
 
-def shaded(events: Stream) -> U8:
+def shaded(events: Events) -> U8:
     """The colour of each pixel's last event, the paler the fewer events it has."""
     colours = event_frame(events, WIDTH, HEIGHT).astype(np.float64)
     pixel = events["y"].astype(np.int64) * WIDTH + events["x"]

@@ -162,7 +162,7 @@ def _same_as_named(path: Path, network: Network, stream: _Stream) -> list[Findin
 
 
 def _as_graph(weights: NetworkWeights, graph: bytes) -> GraphNetwork:
-    keys = ("name", "tau_s", "threshold", "linlog_dn", "tick_us", "spp")
+    keys = ("name", "tau_s", "threshold", "linlog_dn", "tick_us", "spp", "events_per_tick")
     look_ahead = [convolution.look_ahead for convolution in weights.convolutions]
     return read_graph_network(
         graph, {k: getattr(weights, k) for k in keys} | {"look_ahead": look_ahead}

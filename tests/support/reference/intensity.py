@@ -11,7 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from reference.reconstruction import F64, Stream
+from evs.msgs import Events
+from reference.reconstruction import F64
 
 MANY = 10
 """events in a voxel that the paper calls a high intensity"""
@@ -24,7 +25,7 @@ def frame_times_us(frames: int) -> list[int]:
     return [1000 * round(1000 * k / 60) for k in range(frames)]
 
 
-def counts_of(events: Stream, shape: tuple[int, int], edges_us: Sequence[int]) -> Counts:
+def counts_of(events: Events, shape: tuple[int, int], edges_us: Sequence[int]) -> Counts:
     """Count the events of each pixel, both polarities, from one edge to the next.
 
     Args:
