@@ -49,3 +49,4 @@ def test_a_data_set_completes_where_a_node_is_killed_midway(tmp_path: Path) -> N
     assert main(["dataset", str(here), "--quiet", *WORDS]) == 0
     assert listed(far) == listed(here)
     assert (far / MANIFEST).read_bytes() == (here / MANIFEST).read_bytes()
+    assert main(["dataset", str(far), "--verify", "--quiet"]) == 0

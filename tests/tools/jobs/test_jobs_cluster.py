@@ -1,4 +1,4 @@
-"""Jobs on a Ray cluster of two nodes, here: the same bytes, also where one node dies midway."""
+"""Jobs on a Ray cluster of two nodes, here: the same bytes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -157,28 +156,6 @@ def test_training_data_is_the_same_on_a_cluster(cluster: Nodes, tmp_path: Path) 
     assert main(["train", "data", str(here), "--quiet", *words]) == 0
     assert digests(far) == digests(here)
     assert len(digests(far)) == 4
-
-
-def test_a_data_set_completes_where_a_node_is_killed_midway(cluster: Nodes, tmp_path: Path) -> None:
-    words = ["--short", "--scenes", "street,tunnel", "duration_s=0.2"]
-    far, here = tmp_path / "far", tmp_path / "here"
-    program = evs_command(cluster, "dataset", far, *words)
-    until_s = time.monotonic() + 60
-    # early, while there is more to do than the nodes have begun
-    while not list(far.glob("*/*/00*")) and time.monotonic() < until_s:
-        time.sleep(0.02)
-    cluster.kill(1)
-    out, err = program.communicate(timeout=100)
-    assert program.returncode == 0, err
-    # it was at one of the shards; nothing else is said
-    assert re.fullmatch(
-        r"(evs: warning: [\w/]+: its node or worker died \(\w+\); it is made again\n)+", err
-    )
-    assert main(["dataset", str(here), *words, "--quiet"]) == 0
-    assert out == f"{far}: {len(list(here.glob('*/*/00*')))} shards made, 0 were there\n"
-    assert digests(far) == digests(here)
-    assert (far / "manifest.json").is_file()
-    assert main(["dataset", str(far), "--verify", "--quiet"]) == 0
 
 
 def test_nodes_that_are_not_like_this_machine_are_refused(cluster: Nodes, tmp_path: Path) -> None:
