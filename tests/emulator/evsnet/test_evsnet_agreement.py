@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from io import BytesIO
 
 import numpy as np
@@ -24,6 +25,8 @@ RUNTIMES = ("native", "onnxruntime")
 EVERY = ("reference", *RUNTIMES)
 SENSOR = SensorParameters("test", WIDTH, HEIGHT, 0.2, 0.25, dark_lux=0.1)
 TICKS = 240
+ROUNDING = 4e-6
+"""of a sum of 56 products in floats, through seven layers"""
 
 
 def one_of_each(names: list[str]) -> list[str]:
@@ -88,12 +91,10 @@ def test_a_runtime_agrees_with_the_reference(case: tuple[Network, str], runtime:
     reference = model(case, "reference")
     found = compare(reference, run(reference, light), run(model(case, runtime), light))
     assert found.events > 5_000
-    assert found.current_error < 1e-5
+    assert found.current_error < ROUNDING
     assert found.untied == 0
-    assert found.unpaired < 1e-4 * found.events
+    assert found.ties <= found.expected_ties + 4 * math.sqrt(found.expected_ties) + 1
     assert found.misplaced == 0
-    if case[0].is_still:
-        assert found.stamps_off < 1e-4 * found.events
 
 
 @pytest.mark.parametrize("runtime", EVERY)
@@ -164,7 +165,7 @@ def test_over_many_networks_only_ties_differ(runtime: str) -> None:
             reference = EvsNetModel(SENSOR, weights, runtime="reference")
             other = EvsNetModel(SENSOR, weights, runtime=runtime)
             found.append(compare(reference, run(reference, light), run(other, light)))
-    assert max(one.current_error for one in found) < 1e-5
+    assert max(one.current_error for one in found) < ROUNDING
     assert sum(one.untied + one.misplaced for one in found) == 0
     # there are ties among two million events
     events = sum(one.events for one in found)
