@@ -50,9 +50,10 @@ class Agreement:
     untied: int
     """pixels whose first unpaired event is not at a membrane within CLOSE of a threshold"""
     misplaced: int
-    """pairs at pixels without a tie before, whose stamps differ by over 1 us, that a difference of CLOSE in the membrane does not explain, nor what
-    the differences of the currents have added up to: it shifts the time at which the threshold is
-    reached, the more, the smaller the current, and the phase of a trail, round the tick"""
+    """pairs at pixels without a tie before, whose stamps differ by over 1 us, that a difference of
+    CLOSE in the membrane does not explain, nor what the differences of the currents have added up
+    to: it shifts the time at which the threshold is reached, the more, the smaller the current, and
+    the phase of a trail, round the tick"""
 
 
 def run(model: EvsNetModel, light: F32, seed: int = 1, cut: int = 16) -> Run:
