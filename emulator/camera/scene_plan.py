@@ -423,6 +423,8 @@ GEOM_NS = 0.5
 TRIANGLE_NS = 10.0
 """of meshes, for the same rays: of each level of their search trees"""
 TEXTURE_NS, SKY_NS, MIRROR_NS = 40.0, 60.0, 60.0
+EDGE_SHARE = 0.3
+"""of the samples of `path`, where only edges take all"""
 POINT_NS, SKY_POINT_NS = 100.0, 230.0
 """of a point of a path, and more of it where a sky is aimed at"""
 RASTER_GEOM_MS, RASTER_NS = 0.7, 90.0
@@ -497,7 +499,7 @@ def estimate(
     render_ns = packets * render.samples * _packet_ns(has, casting, render)
     renderer = RENDERERS[render.renderer]
     if render.antialiasing == "adaptive" and renderer.adaptive:
-        render_ns *= 0.5
+        render_ns *= EDGE_SHARE if renderer.paths else 0.5
     if not renderer.traced:
         geoms_ns = 1e6 * RASTER_GEOM_MS * _drawn(has)
         render_ns = geoms_ns + RASTER_NS * pixels * render.samples

@@ -111,8 +111,8 @@ class RenderConfig:
     spp: int | None = None
     """samples per pixel; direct, raster: 1 ... 64, default 4; path: 1 ... 4096, default 16"""
     antialiasing: str = "fixed"
-    """fixed: every pixel takes all samples | adaptive: only pixels at an edge of the light take
-    all, the others one (`direct` only)"""
+    """fixed: every pixel takes all samples | adaptive: only pixels at an edge of the light (direct)
+    or of a geom (path) take all, the others one (direct) or a quarter (path)"""
     seeds: str = "fixed"
     """fixed: a pixel takes the same samples every tick, so constant light gives no events |
     fresh: new samples every tick, as in the paper | cycle: a cycle of sets of samples, one per

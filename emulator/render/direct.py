@@ -103,7 +103,7 @@ class DirectRenderer(InstantLight):
             ),
             _core.Tracing(
                 samples=config.samples,
-                adaptive=config.antialiasing == "adaptive" and self.integrator == "direct",
+                adaptive=config.antialiasing == "adaptive",
                 shadows=config.shadows,
                 incremental=config.incremental,
                 rgb=rgb,

@@ -51,6 +51,7 @@ RENDERERS = {
         seeds=("fixed", "fresh", "cycle"),
         options=("threads", "rgb", "seed", "switches", "like"),
         paths=True,
+        adaptive=True,
     ),
     "raster": RendererRow(
         "evs.emulator.render.raster:RasterRenderer",

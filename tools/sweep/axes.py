@@ -46,7 +46,11 @@ def samples(base: PipelineConfig) -> Values:
     if render.renderer == "path":
         steps = [render.samples * 4**k for k in (-2, -1, 1, 2)]
         wanted = sorted({min(PATH_SPP, step) for step in map(int, steps) if step >= 1})
-        return [(f"path {spp}", {"render.spp": spp}) for spp in wanted]
+        edges = 4 * render.samples
+        return [
+            *((f"path {spp}", {"render.spp": spp}) for spp in wanted),
+            (f"path {edges} at edges", {"render.spp": edges, "render.antialiasing": "adaptive"}),
+        ]
     if render.renderer == "raster":
         return [(f"raster {spp}", {"render.spp": spp}) for spp in (1, 4)]
     every: Changes = {"render.antialiasing": "fixed"}

@@ -61,7 +61,6 @@ Tracing* make_tracing(int samples, bool adaptive, bool shadows, bool incremental
   require(samples >= 1 && samples <= 4096, "samples: 1 ... 4096");
   require(integrator == "direct" || integrator == "path", "the integrator is direct or path");
   bool path = integrator == "path";
-  require(!path || !adaptive, "paths take all samples in every pixel");
   require(bounces >= 0 && bounces <= 1000, "bounces: 0 ... 1000");
   require(blocks >= 1 && blocks <= 64 && block >= 0 && block < blocks, "blocks: 1 ... 64");
   return new Tracing{samples,
@@ -346,7 +345,7 @@ void bind_caster(nb::module_& m) {
            nb::arg("forced") = FeatureFlags{},
            "Args:\n"
            "    samples: The number of samples per pixel.\n"
-           "    adaptive: Take all samples only where neighbours differ, and one elsewhere.\n"
+           "    adaptive: Take all samples only at edges; elsewhere one, or a quarter (path).\n"
            "    shadows: Whether lights cast shadows.\n"
            "    incremental: With a still camera, reuse what nothing that moved can affect.\n"
            "    rgb: Whether `render` can output colour.\n"

@@ -86,7 +86,9 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
   camera_.reserve(12);
   deformed_.resize(mesh_data_.size());
   shapes_.resize(mesh_data_.size());
-  set_optics(optics, tracing.samples, sampling_, frame_);
+  const bool at_edges = tracing.path && tracing.adaptive && tracing.samples > 1;
+  const int samples = at_edges ? EdgeSampling::base_samples(tracing.samples) : tracing.samples;
+  set_optics(optics, samples, sampling_, frame_);
   frame_.geoms = geoms_.data();
   frame_.geom_count = count;
   frame_.plane_count = static_cast<int>(
@@ -100,8 +102,7 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
   frame_.channels = appearance_.channels;
   std::copy(appearance_.weights, appearance_.weights + MAX_CHANNELS, frame_.weights);
   frame_.lobes = forced_.decide(LOBES, appearance_.layered || tracing.path);
-  if (forced_.decide(TEXTURE_FILTER, appearance_.textured))
-    frame_.probes = probes_of(tracing.samples);
+  if (forced_.decide(TEXTURE_FILTER, appearance_.textured)) frame_.probes = probes_of(samples);
   frame_.normal_mapped = forced_.decide(NORMAL_MAPS, appearance_.normal_mapped);
   if (forced_.off(FOG)) appearance_.medium.fog = false;
   if (forced_.off(HAZE)) appearance_.medium.haze = false;
@@ -128,13 +129,19 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
     emitters_.emplace(scene, appearance_, order_);
     paths_.bounces = tracing.bounces;
     paths_.sample_set = tracing.sample_set;
+    paths_.lobe_samples = samples;
     while ((1 << paths_.log2_samples) < tracing.samples) paths_.log2_samples++;
+    paths_.quarters = at_edges && 1 << paths_.log2_samples == tracing.samples && samples > 1;
     paths_.block = tracing.block;
     while ((1 << paths_.log2_blocks) < tracing.blocks) paths_.log2_blocks++;
     set_paths();
     batches_ = std::make_unique_for_overwrite<PathBatch[]>(pool_->threads());
+    if (at_edges) edges_.emplace(optics.width, optics.height, tracing.samples, tracing.rgb);
     if (incremental_)
-      path_cache_.emplace(optics.width, optics.height, tracing.samples, geoms_.size());
+      path_cache_.emplace(optics.width, optics.height, samples, geoms_.size(), nullptr, at_edges);
+    if (incremental_ && at_edges)
+      edge_cache_.emplace(optics.width, optics.height, tracing.samples - samples, geoms_.size(),
+                          edges_->edges(), false);
   }
 }
 
@@ -143,6 +150,8 @@ void Caster::set_paths() {
   PathFrame f = emitters_->frame();
   f.bounces = paths_.bounces;
   f.sample_set = paths_.sample_set;
+  f.lobe_samples = paths_.lobe_samples;
+  f.quarters = paths_.quarters;
   f.log2_samples = paths_.log2_samples;
   f.block = paths_.block;
   f.log2_blocks = paths_.log2_blocks;
@@ -287,7 +296,7 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
     return;
   }
 
-  Outputs out = {luminance, rgb, nullptr, 0};
+  Outputs out = {luminance, rgb, nullptr, 0, nullptr};
   if (emitters_) {
     paths_.seed = poses.seed;
     bool same_lamps = same_lights();
@@ -364,7 +373,10 @@ void Caster::trace_pixels(const Poses& poses, const int32_t* x, const int32_t* y
     int end = std::min(count, (job + 1) * PIXELS_A_JOB);
     for (int i = job * PIXELS_A_JOB; i < end; i += PACKET) {
       int n = std::min(PACKET, end - i);
-      if (emitters_) {
+      if (edges_) {
+        edges_->trace_pixels(*kernel_, frame_, paths_, batches_[worker], x + i, y + i, n,
+                             luminance + i);
+      } else if (emitters_) {
         kernel_->trace_path_pixels(frame_, paths_, batches_[worker], x + i, y + i, n,
                                    luminance + i);
       } else if (antialiasing_) {
@@ -466,10 +478,34 @@ void Caster::trace_direct(bool still, bool selective, const Outputs& out) {
   traced_fraction_ = static_cast<double>(traced) / static_cast<double>(packets);
 }
 
+// One pass of the `path` integrator over all pixels, or over those whose bit in `marked` is set.
+// Out: the number of samples traced.
+long Caster::trace_pass(const Frame& f, const PathFrame& p, PathCache* cache, PathCache::Plan plan,
+                        const uint32_t* marked, const Outputs& out) {
+  std::atomic<long> traced{0};
+  if (plan == PathCache::Plan::TRACE_UNCACHED) {
+    pool_->run(sampling_.rows, [&](int row, int worker) {
+      if (marked) {
+        traced += f.samples * kernel_->trace_marked_row(f, p, batches_[worker], row, marked, out);
+      } else {
+        kernel_->trace_path_row(f, p, batches_[worker], row, out);
+      }
+    });
+    return marked ? traced.load() : static_cast<long>(f.width) * f.height * f.samples;
+  }
+  // several rows per job fill the packets; more jobs than workers balance the load
+  int rows = std::clamp(sampling_.rows / (8 * pool_->threads()), 1, 8);
+  pool_->run((sampling_.rows + rows - 1) / rows, [&](int job, int worker) {
+    int begin = job * rows, end = std::min(begin + rows, sampling_.rows);
+    traced += kernel_->update_cached_paths(f, p, batches_[worker], cache->view(), begin, end, out);
+  });
+  return traced;
+}
+
 // One tick of the `path` integrator. In: whether camera, environment and seed are those of the last
 // tick; and whether MuJoCo's lights are.
 void Caster::trace_paths(bool first, bool same, bool same_lamps, const Outputs& out) {
-  PathCache::Plan plan = PathCache::Plan::TRACE_UNCACHED;
+  auto plan = PathCache::Plan::TRACE_UNCACHED, edge_plan = plan;
   if (path_cache_ && !first) {
     PathCache::GeomStates states = {
         geoms_,    previous_geoms_,       bounding_spheres_, previous_spheres_,
@@ -480,27 +516,36 @@ void Caster::trace_paths(bool first, bool same, bool same_lamps, const Outputs& 
       return;
     }
     plan = path_cache_->plan(states, same, same_lamps, steady_lights());
+    if (edges_) edge_plan = edge_cache_->plan(states, same, same_lamps, steady_lights());
   }
-  long packets = static_cast<long>(sampling_.rows) * sampling_.columns;
-  traced_fraction_ = 1;
-  if (plan == PathCache::Plan::TRACE_UNCACHED) {
-    pool_->run(sampling_.rows, [&](int row, int worker) {
-      kernel_->trace_path_row(frame_, paths_, batches_[worker], row, out);
+  const double pixels = static_cast<double>(frame_.width) * frame_.height;
+  const Outputs base = edges_ ? edges_->base() : out;
+  PathCache* cache = path_cache_ ? &*path_cache_ : nullptr;
+  double traced = static_cast<double>(trace_pass(frame_, paths_, cache, plan, nullptr, base));
+  double samples = pixels * frame_.samples;
+  if (plan != PathCache::Plan::TRACE_UNCACHED) path_cache_->traced(traced / samples);
+  if (edges_) {
+    std::atomic<long> edges{0};
+    pool_->run(sampling_.rows, [&](int row, int) {
+      int top = row * PACKET_HEIGHT, bottom = std::min(top + PACKET_HEIGHT, frame_.height);
+      for (int y = top; y < bottom; y++) edges += edges_->find_edges(y);
     });
-    work_.packets_traced += packets;
-    return;
+    Frame f = edges_->rest_frame(frame_);
+    cache = edge_cache_ ? &*edge_cache_ : nullptr;
+    long rest = trace_pass(f, edges_->rest_paths(paths_), cache, edge_plan, edges_->edges(),
+                           edges_->rest());
+    double rest_samples = static_cast<double>(edges) * f.samples;
+    if (edge_plan != PathCache::Plan::TRACE_UNCACHED && edges > 0)
+      edge_cache_->traced(static_cast<double>(rest) / rest_samples);
+    pool_->run(sampling_.rows, [&](int row, int) {
+      int top = row * PACKET_HEIGHT, bottom = std::min(top + PACKET_HEIGHT, frame_.height);
+      for (int y = top; y < bottom; y++) edges_->combine(y, out);
+    });
+    traced += static_cast<double>(rest);
+    samples += rest_samples;
   }
-  std::atomic<long> traced{0};
-  // several rows per job fill the packets; more jobs than workers balance the load
-  int rows = std::clamp(sampling_.rows / (8 * pool_->threads()), 1, 8);
-  pool_->run((sampling_.rows + rows - 1) / rows, [&](int job, int worker) {
-    int begin = job * rows, end = std::min(begin + rows, sampling_.rows);
-    traced += kernel_->update_cached_paths(frame_, paths_, batches_[worker], path_cache_->view(),
-                                           begin, end, out);
-  });
-  traced_fraction_ = static_cast<double>(traced) /
-                     (static_cast<double>(frame_.width) * frame_.height * frame_.samples);
-  path_cache_->traced(traced_fraction_);
+  traced_fraction_ = traced / samples;
+  long packets = static_cast<long>(sampling_.rows) * sampling_.columns;
   // as many packets as those samples fill
   if (plan == PathCache::Plan::TRACE_DIRTY) work_.packets_tested += packets;
   work_.packets_traced += static_cast<long>(static_cast<double>(packets) * traced_fraction_);

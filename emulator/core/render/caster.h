@@ -13,6 +13,7 @@
 #include "incremental/packet_cache.h"
 #include "incremental/path_cache.h"
 #include "integrators/antialiasing.h"
+#include "integrators/edge_sampling.h"
 #include "optics.h"
 #include "scene.h"
 #include "scene_data.h"
@@ -29,7 +30,7 @@ struct Poses {
 // How light is computed, and which outputs are rendered.
 struct Tracing {
   int samples = 1;           // per pixel
-  bool adaptive = false;     // direct: all samples only where neighbours differ, one elsewhere
+  bool adaptive = false;     // all samples only at edges; elsewhere one, or a quarter (path)
   bool shadows = true;       // direct
   bool incremental = false;  // under a still camera reuse what nothing that moved can affect
   bool rgb = false;          // `render` can output colour
@@ -124,6 +125,8 @@ class Caster {
   void add_moved(const BoundingCapsule& before, const BoundingCapsule& now);
   bool same_lights() const;
   void trace_paths(bool first, bool same, bool same_lamps, const Outputs& out);
+  long trace_pass(const Frame& f, const PathFrame& p, PathCache* cache, PathCache::Plan plan,
+                  const uint32_t* marked, const Outputs& out);
   bool same_images() const;
   uint32_t steady_lights() const;
   void trace_direct(bool still, bool selective, const Outputs& out);
@@ -138,8 +141,10 @@ class Caster {
   WorkCounters work_;
   std::vector<std::shared_ptr<SceneData::MeshData>> mesh_data_;
   Appearance appearance_;
-  std::optional<Emitters> emitters_;     // paths only
-  std::optional<PathCache> path_cache_;  // incremental paths only
+  std::optional<Emitters> emitters_;   // paths only
+  std::optional<EdgeSampling> edges_;  // paths only; none: all samples everywhere
+  // incremental paths only: of all pixels, and of the other samples of those at an edge
+  std::optional<PathCache> path_cache_, edge_cache_;
   PathFrame paths_ = {};
   std::unique_ptr<PathBatch[]> batches_;  // one per worker
   int previous_seed_ = 0;

@@ -75,6 +75,12 @@ struct PathCacheView {
   float* valid_until;     // nothing changes before `motion` reaches this
   uint32_t* touched;      // bits of the capsules that its rays touched: dirty when one moves
   float* secondary_rays;  // (height, units, columns, SECONDARY_RAY_WORDS) or null
+  // (height, units, columns) the geom of the first hits, as Outputs::geoms has it; or null
+  int32_t* first_geom;
+  // (height, columns / 32) one bit per pixel: those that are cached, and those of the last tick.
+  // Null: all
+  const uint32_t* marked;
+  uint32_t* known;
   // (height, units, columns / LANES), for adjacent units: none expires before this motion, unless
   // one of these capsules moves; and the units that are dirty or expired in this tick
   float* next_expiry;
@@ -98,8 +104,9 @@ struct PathBatch {
   float direction[3][ROOM + MARGIN];  // of the camera ray; where there is haze
   float gap[ROOM + MARGIN];           // as in Clearance, and
   int32_t touched[ROOM + MARGIN];
-  float indirect[6][ROOM + MARGIN];  // as in PathCacheView
-  int32_t hit_geom[ROOM + MARGIN];   // geom of the first hit
+  float indirect[6][ROOM + MARGIN];   // as in PathCacheView
+  int32_t hit_geom[ROOM + MARGIN];    // geom of the first hit, where lights change
+  int32_t first_geom[ROOM + MARGIN];  // geom of the first hit, -1 none
   float secondary_rays[SECONDARY_RAY_WORDS][ROOM + MARGIN];
   int32_t owner[ROOM + MARGIN];  // entries in PathCacheView, one per lane of each packet of units
   float paths[WORDS][ROOM + MARGIN];  // the queue
@@ -108,10 +115,13 @@ struct PathBatch {
 struct PathFrame {
   int bounces;
   int sample_set;
+  int first_sample;  // of the point set
+  int lobe_samples;  // between which the first vertex divides the lobes of a surface
   int seed;          // of this tick
   int log2_samples;  // at most 2^log2_samples samples
   int block;         // of the point set that these samples are
   int log2_blocks;   // the point set has at most 2^log2_blocks blocks
+  bool quarters;     // the first quarter of a block's samples is used alone, too
   bool transparent;
   bool emits;                     // a geom emits light
   bool emissive;                  // ... or paths look for such geoms all the same

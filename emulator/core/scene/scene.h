@@ -261,7 +261,11 @@ struct Outputs {
   float* rgb;              // (h, w, 3) linear; or null
   float* untextured;       // the channel of that name, with a margin of one pixel; or null
   long untextured_stride;  // of its rows
+  // (h, w) of paths: the geom that all samples of a pixel hit first, -1 none, MIXED_GEOMS several;
+  // or null
+  int32_t* geoms;
 };
+constexpr int MIXED_GEOMS = -2;
 
 // The first hit of the ray through each pixel's centre.
 struct Truth {
@@ -312,6 +316,13 @@ struct Kernel {
   void (*trace_path_row)(const Frame&, const PathFrame&, PathBatch&, int row, const Outputs&);
   void (*trace_path_pixels)(const Frame&, const PathFrame&, PathBatch&, const int32_t* x,
                             const int32_t* y, int count, float* luminance);
+  // The same for the pixels of a row of packets that are marked, one bit each: (h, words of 32).
+  // Out: their number.
+  long (*trace_marked_row)(const Frame&, const PathFrame&, PathBatch&, int row,
+                           const uint32_t* marked, const Outputs&);
+  // Outputs::geoms of at most 16 pixels.
+  void (*first_geoms)(const Frame&, const PathFrame&, const int32_t* x, const int32_t* y, int count,
+                      int32_t* geoms);
   // Update the cached units of packet rows begin ... end that are dirty, and their pixels. Out: the
   // number of samples traced.
   long (*update_cached_paths)(const Frame&, const PathFrame&, PathBatch&, const PathCacheView&,
@@ -333,6 +344,10 @@ void relight_pair_avx512(const Frame&, int column, int row, const Outputs&, cons
 void trace_path_row_avx512(const Frame&, const PathFrame&, PathBatch&, int row, const Outputs&);
 void trace_path_pixels_avx512(const Frame&, const PathFrame&, PathBatch&, const int32_t* x,
                               const int32_t* y, int count, float* luminance);
+long trace_marked_row_avx512(const Frame&, const PathFrame&, PathBatch&, int row,
+                             const uint32_t* marked, const Outputs&);
+void first_geoms_avx512(const Frame&, const PathFrame&, const int32_t* x, const int32_t* y,
+                        int count, int32_t* geoms);
 long update_cached_paths_avx512(const Frame&, const PathFrame&, PathBatch&, const PathCacheView&,
                                 int begin, int end, const Outputs&);
 

@@ -115,7 +115,9 @@ void ticks_allocate_nothing() {
                          {"adaptive, full", false, true, false, false},
                          {"adaptive, incremental", true, true, true, false},
                          {"path, full", false, false, false, true},
-                         {"path, incremental", true, false, true, true}}) {
+                         {"path, incremental", true, false, true, true},
+                         {"path at edges, full", false, true, true, true},
+                         {"path at edges, incremental", true, true, false, true}}) {
     check_ticks(how);
   }
 }

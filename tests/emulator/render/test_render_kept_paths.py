@@ -55,6 +55,7 @@ def shares(
     lamps: bool = False,
     flicker: tuple[object, ...] = (),
     point_sets: str = "fixed",
+    antialiasing: str = "fixed",
     **stage: object,
 ) -> list[float]:
     """Return the traced shares of all ticks but the first.
@@ -73,6 +74,7 @@ def shares(
             "sampler": ("owen", "sobol", "global", "random", "anchored")[seed % 5],
             "flicker": flicker,
             "seeds": point_sets,
+            "antialiasing": antialiasing,
             "cycle_ticks": 2 + seed % 4,
         }
         full = scene.renderer(threads=2, incremental=False, **render)
@@ -136,6 +138,20 @@ def test_point_sets_of_a_cycle_under_lamps_that_change(more: dict[str, Any]) -> 
     shares(range(40, 44), 24, point_sets="cycle", rich=True, size=SIZE, **more)
 
 
+@pytest.mark.parametrize("point_sets", ["fixed", "cycle"])
+def test_more_samples_at_edges_are_those_of_the_full_trace(point_sets: str) -> None:
+    more = {"antialiasing": "adaptive", "point_sets": point_sets, "size": SIZE}
+    found = []
+    for spp, seed in ((4, 70), (7, 72), (16, 74), (66, 76)):
+        found += shares(range(seed, seed + 2), 24, spp=spp, **more)
+    assert 0.0 < np.mean(found) < 0.8, np.mean(found)
+    assert min(found) < 0.1
+    shares(range(40, 42), 24, spp=8, lamps=True, rich=True, **more)
+    shares(range(42, 44), 24, spp=8, flicker=(PULSE,), rich=True, **more)
+    # a quarter of the samples is cached in blocks, too
+    shares(range(78, 79), TICKS, spp=300, **{**more, "size": (9, 7)})
+
+
 def test_blocks_of_samples_under_lamps_that_move() -> None:
     shares(range(60, 64), TICKS, spp=66, lamps=True, size=(9, 7))
 
@@ -148,3 +164,8 @@ def test_kept_paths_where_cameras_and_lights_move_too() -> None:
 @pytest.mark.parametrize(("decades", "zoom"), [(1.0, 1.0), (6.0, 1.0), (3.0, 0.03)])
 def test_kept_paths_in_many_scenes(decades: float, zoom: float) -> None:
     shares(range(8000, 8040), 40, decades=decades, zoom=zoom)
+
+
+@pytest.mark.slow
+def test_more_samples_at_edges_in_many_scenes() -> None:
+    shares(range(8000, 8030), 40, spp=12, antialiasing="adaptive")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -109,9 +110,12 @@ def test_what_moves_is_traced_again() -> None:
         ),
     ],
 )
-def test_single_pixels_have_the_light_of_the_frame(view: CameraConfig | None) -> None:
+@pytest.mark.parametrize("render", [{"spp": 3}, {"spp": 8, "antialiasing": "adaptive"}])
+def test_single_pixels_have_the_light_of_the_frame(
+    view: CameraConfig | None, render: dict[str, Any]
+) -> None:
     room = Room(view)
-    renderer = room.renderer(spp=3, seeds="fresh")
+    renderer = room.renderer(seeds="fresh", **render)
     shot = room.poser.snapshot(room.data, 5000)
     frame = renderer.render(shot, shot.cameras[0]).copy()
     pixels = np.stack(np.meshgrid(np.arange(37), np.arange(29)), -1).reshape(-1, 2)[::-1]
@@ -119,8 +123,9 @@ def test_single_pixels_have_the_light_of_the_frame(view: CameraConfig | None) ->
     np.testing.assert_array_equal(single, frame[pixels[:, 1], pixels[:, 0]])
 
 
-def test_colour_is_the_luminance_in_parts(room: Room) -> None:
-    renderer = room.renderer(spp=8)
+@pytest.mark.parametrize("antialiasing", ["fixed", "adaptive"])
+def test_colour_is_the_luminance_in_parts(room: Room, antialiasing: str) -> None:
+    renderer = room.renderer(spp=8, antialiasing=antialiasing)
     luminance = room.see(renderer)
     assert renderer.rgb is not None
     np.testing.assert_allclose(

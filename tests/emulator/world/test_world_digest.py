@@ -24,8 +24,9 @@ DIGESTS = {
     "direct": "81e1bd691c2e8dc8",
     "path": "3430424331abd788",
     "path cycle": "944927d18ed2b27e",
+    "path cycle adaptive": "a00cc0481dc00d1c",
 }
-"""renderer and seeds -> digest of the light and events of all cameras"""
+"""renderer, seeds and antialiasing -> digest of the light and events of all cameras"""
 
 MOTION_TICKS = 30
 
@@ -69,7 +70,9 @@ CAMERAS = (
 )
 
 
-def seen(renderer: str, seeds: str = "fixed") -> Iterator[tuple[bytes, Events]]:
+def seen(
+    renderer: str, seeds: str = "fixed", antialiasing: str = "fixed"
+) -> Iterator[tuple[bytes, Events]]:
     """Last light and all events of each camera."""
     model = mujoco.MjModel.from_xml_string(SCENE)
     for camera in CAMERAS:
@@ -78,7 +81,12 @@ def seen(renderer: str, seeds: str = "fixed") -> Iterator[tuple[bytes, Events]]:
             model,
             camera,
             sensor=SensorConfig("ideal", width=48, height=36),
-            render=RenderConfig(renderer=renderer, spp=2, seeds=seeds),
+            render=RenderConfig(
+                renderer=renderer,
+                spp=4 if antialiasing == "adaptive" else 2,
+                antialiasing=antialiasing,
+                seeds=seeds,
+            ),
             threads=1,
         )
         parts = []

@@ -81,13 +81,17 @@ inline void store_batch(const Frame& f, const PathFrame& p, DirtyBatch& dirty) {
   for (int k = 0, slot = 0; k < dirty.packets; k++) {
     // sum the samples of each unit; its gap is the smallest of theirs
     Float part[3], gap = splat(T_INFINITY);
-    Int touched = splat(0);
+    Int touched = splat(0), geoms = splat(-1);
     for (int s = 0; s < size; s++, slot += LANES) {
       Float light[3];
       load_radiance(f, b, slot, light);
       for (int c = 0; c < 3; c++) part[c] = s == 0 ? splat(0.0f) + light[c] : part[c] + light[c];
       gap = min(load(b.gap + slot), gap);
       touched = touched | load(b.touched + slot);
+      if (cache.first_geom) {
+        Int geom = load(b.first_geom + slot);
+        geoms = s == 0 ? geom : join_geoms(geoms, geom);
+      }
     }
     // scatter light, rays and gaps to the units
     Int owner = load(b.owner + k * LANES);
@@ -102,6 +106,8 @@ inline void store_batch(const Frame& f, const PathFrame& p, DirtyBatch& dirty) {
       scatter_secondary_rays(b, slot - LANES, owner, real & (gap >= 0.0f), cache.secondary_rays);
     scatter(cache.valid_until, owner, valid_until(cache, gap), real);
     scatter(reinterpret_cast<float*>(cache.touched), owner, as_float(touched), real);
+    if (cache.first_geom)
+      scatter(reinterpret_cast<float*>(cache.first_geom), owner, as_float(geoms), real);
   }
   dirty.packets = dirty.front.slots = 0;
 }
@@ -169,6 +175,15 @@ inline void sum_units(const Frame& f, const PathCacheView& cache, int x, int y,
       }
     }
     mean[c] = sum * (1.0f / static_cast<float>(f.samples));
+  }
+  if (out.geoms) {
+    Int geoms = splat(-1);
+    for (int u = 0; u < cache.units; u++) {
+      Int geom =
+          load(cache.first_geom + (static_cast<long>(y) * cache.units + u) * cache.columns + x);
+      geoms = u == 0 ? geom : join_geoms(geoms, geom);
+    }
+    write_geoms(f, x, y, geoms, out.geoms);
   }
   // write whole packets of luminance at once, everything else pixel by pixel
   long at = static_cast<long>(y) * f.width + x;
@@ -282,6 +297,11 @@ EVS_INLINE void prefetch_gaps(const PathCacheView& cache, long at) {
   }
 }
 
+// The bits of LANES adjacent pixels in a mask of the image.
+EVS_INLINE unsigned pixel_bits(const PathCacheView& cache, const uint32_t* mask, int x, int y) {
+  return mask[static_cast<long>(y) * (cache.columns / 32) + x / 32] >> x % 32 & ALL_LANES;
+}
+
 // Find the dirty and the expired units of an image row, and relight the others where lights change.
 inline void find_dirty_units(const Frame& f, const PathFrame& p, const PathCacheView& cache,
                              int y) {
@@ -296,15 +316,23 @@ inline void find_dirty_units(const Frame& f, const PathFrame& p, const PathCache
         reached = lit_packets(f, cache, packet, groups_left < LANES ? groups_left : LANES);
       }
       unsigned inside = first_column < f.width ? first_lanes(f.width - first_column) : 0;
+      unsigned added = 0;  // pixels whose units are not known yet
+      if (cache.marked) {
+        inside &= pixel_bits(cache, cache.marked, first_column, y);
+        added = inside & ~pixel_bits(cache, cache.known, first_column, y);
+      }
       cache.dirty[packet] = cache.expired[packet] = 0;
       if (cache.trace_all && cache.hit_geom) cache.hit_geom[packet] = NOT_CACHED;
       if (group + 2 < cache.columns / LANES && !still_valid(cache, packet + 2)) {
         prefetch_gaps(cache, at + 2 * LANES);
       }
-      if (!inside || (still_valid(cache, packet) && !cache.relight_lamps && !cache.trace_all))
+      if (!inside ||
+          (still_valid(cache, packet) && !added && !cache.relight_lamps && !cache.trace_all))
         continue;
       // mark the samples to trace or recheck
-      UnitState state = classify_units(cache, at, inside);
+      UnitState state = classify_units(cache, at, inside & ~added);
+      if (added) cache.next_expiry[packet] = DIRTY;
+      state.dirty |= added;
       cache.dirty[packet] = state.dirty;
       cache.expired[packet] = state.expired;
       // relight the others
@@ -314,6 +342,10 @@ inline void find_dirty_units(const Frame& f, const PathFrame& p, const PathCache
       if (clean && relight_unit(f, p, cache, first_column, y, unit, clean, lit))
         mark_changed(cache, first_column, y);
     }
+  }
+  for (int i = 0; i < cache.columns / 32 && cache.marked; i++) {
+    long word = static_cast<long>(y) * (cache.columns / 32) + i;
+    cache.known[word] = cache.marked[word];
   }
 }
 
@@ -362,6 +394,7 @@ inline long update_cached_paths(const Frame& f, const PathFrame& p, PathBatch& b
   int groups = (f.width + LANES - 1) / LANES, stride = cache.columns / LANES;
   for (int i = begin * stride; i < end * stride; i++) cache.changed[i] = 0;
   DirtyBatch dirty = {{batch, &cache}};
+  dirty.front.geoms = cache.first_geom != nullptr;
   int last = end * PACKET_HEIGHT < f.height ? end * PACKET_HEIGHT : f.height;
   // 1. scan for dirty and expired units
   for (int y = begin * PACKET_HEIGHT; y < last; y++) find_dirty_units(f, p, cache, y);

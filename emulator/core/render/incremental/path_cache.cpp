@@ -33,12 +33,14 @@ double motion_of(const BoundingCapsule& a, const BoundingCapsule& b) {
 
 }  // namespace
 
-PathCache::PathCache(int width, int height, int samples, size_t geoms)
+PathCache::PathCache(int width, int height, int samples, size_t geoms, const uint32_t* marked,
+                     bool first_geoms)
     : tracked_(geoms), moving_(geoms) {
   view_.columns = (width + 31) / 32 * 32;
   // 2: the data of each packet
   size_t pixels = static_cast<size_t>(view_.columns) * height, bytes = 5 * sizeof(float) + 2;
-  bool singly = samples <= MAX_SINGLE_UNITS && pixels * samples * bytes <= MAX_BYTES;
+  if (first_geoms) bytes += sizeof(int32_t);
+  bool singly = !marked && samples <= MAX_SINGLE_UNITS && pixels * samples * bytes <= MAX_BYTES;
   view_.size = singly ? 1 : SUM_BLOCK;
   view_.units = (samples + view_.size - 1) / view_.size;
   entries_ = pixels * view_.units;
@@ -57,6 +59,11 @@ PathCache::PathCache(int width, int height, int samples, size_t geoms)
   numbers_ = large_array<float>((numbers + (hits ? HIT_WORDS : 0)) * stride);
   auto array = [&](size_t i) { return numbers_.get() + i * stride; };
   touched_ = large_array<uint32_t>(entries_);
+  if (first_geoms) first_geoms_ = large_array<int32_t>(entries_);
+  view_.first_geom = first_geoms_.get();
+  view_.marked = marked;
+  known_.resize(marked ? pixels / 32 : 0);
+  view_.known = known_.data();
   bytes += (INDIRECT_WORDS + HIT_WORDS + SECONDARY_RAY_WORDS) * sizeof(float);
   if (singly && entries_ * bytes <= MAX_BYTES) {
     secondary_rays_ = large_array<float>(SECONDARY_RAY_WORDS * entries_);

@@ -21,7 +21,10 @@ class PathCache {
   // set.
   enum class Plan { TRACE_UNCACHED, TRACE_ALL, TRACE_DIRTY };
 
-  PathCache(int width, int height, int samples, size_t geoms);
+  // geoms: of the scene. marked: (h, columns / 32) one bit for each pixel to cache, as of each
+  // tick, whose samples are cached in blocks; null: all pixels. first_geoms: keep those, too.
+  PathCache(int width, int height, int samples, size_t geoms, const uint32_t* marked,
+            bool first_geoms);
 
   // Geoms and their bounding spheres, now and in the last tick.
   struct GeomStates {
@@ -45,6 +48,8 @@ class PathCache {
   size_t entries_;
   LargeArray<float> numbers_;
   LargeArray<uint32_t> touched_;
+  LargeArray<int32_t> first_geoms_;
+  std::vector<uint32_t> known_;
   std::vector<int32_t> hit_geoms_;
   std::vector<float> hit_spheres_;
   std::vector<uint8_t> only_steady_light_;

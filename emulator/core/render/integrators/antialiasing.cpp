@@ -59,7 +59,8 @@ Frame Antialiasing::base_frame(const Frame& frame) const {
 }
 
 Outputs Antialiasing::base() {
-  return {luminance_.data(), rgb_.empty() ? nullptr : rgb_.data(), untextured_.data(), stride_};
+  return {luminance_.data(), rgb_.empty() ? nullptr : rgb_.data(), untextured_.data(), stride_,
+          nullptr};
 }
 
 void Antialiasing::traced(int column, int row) {

@@ -253,7 +253,8 @@ inline bool direct_lighting(const Frame& f, const PathFrame& p, int bounce, cons
   }
   if (bounce > p.bounces) return false;
 
-  const Bsdf& s = at.bsdf = make_bsdf(interaction, rays.direction, bounce == 0 ? f.samples : 1);
+  const Bsdf& s = at.bsdf =
+      make_bsdf(interaction, rays.direction, bounce == 0 ? p.lobe_samples : 1);
   Float* received = at.received;
   for (int c = 0; c < 3; c++) received[c] = zero;
   // sample MuJoCo's lights: all at the first vertex, one at random later

@@ -25,6 +25,7 @@ struct Sampler {
   int seed;            // of the whole image
   int log2_samples;    // at most 2^log2_samples samples are drawn in a block
   int block, log2_blocks;
+  bool quarters;  // of the samples: see sample_2d
 };
 
 template <int N>
@@ -121,10 +122,19 @@ EVS_INLINE Point2 sample_2d(const Sampler& s, int dimension) {
       order + splat(static_cast<int>(static_cast<unsigned>(s.block) * 0x9e3779b9u));
   Int index = reverse_bits(scramble_reversed(s.reversed_index, order_in_block)) &
               splat((1 << s.log2_samples) - 1);
-  if (s.log2_blocks > 0) {
-    Int block = splat(s.block) ^ (hash(order) & splat((1 << s.log2_blocks) - 1));
-    index = index | (block * splat(1 << s.log2_samples));
+  Int block = splat(s.block);
+  if (s.log2_blocks > 0) block = block ^ (hash(order) & splat((1 << s.log2_blocks) - 1));
+  if (s.quarters) {
+    // The first quarter of a block's samples is used alone, together with those of other blocks.
+    // Each of four blocks takes another quarter of its points, in Gray code: then those of all four
+    // are as even, but for one of the five shapes of sixteen equal boxes.
+    const int quarter = s.log2_samples - 2;
+    Int own = reverse_bits(s.reversed_index), gray = block ^ shift_right_unsigned<1>(block);
+    Int moved = (gray ^ shift_right_unsigned<8>(hash(order ^ splat(0x5bd1e995)))) & splat(3);
+    index = (index & splat((1 << quarter) - 1)) |
+            ((own ^ (moved * splat(1 << quarter))) & splat(3 << quarter));
   }
+  if (s.log2_blocks > 0) index = index | (block * splat(1 << s.log2_samples));
   // the direction numbers of the second dimension are Pascal's triangle modulo 2
   Int second = splat(0);
   unsigned direction = 0x80000000u;

@@ -23,7 +23,8 @@ struct Wavefront {
   PathBatch& batch;
   const PathCacheView* cache;  // whose moving geoms' clearance is recorded, or null
   int slots = 0;
-  int paths = 0;  // in the queue
+  int paths = 0;       // in the queue
+  bool geoms = false;  // store the geoms of the first hits
 };
 
 // Append the paths of `alive` to the queue, from place `at` on.
@@ -65,8 +66,8 @@ inline Int dequeue(const Wavefront& front, const PathFrame& p, int at, PathState
   path.path_length = get();
   path.pdf = get();
   path.specular_bounce = get() > 0.0f;
-  path.sampler = {get_int(),      splat(0), p.sample_set, p.seed,
-                  p.log2_samples, p.block,  p.log2_blocks};
+  path.sampler = {get_int(),      splat(0), p.sample_set,  p.seed,
+                  p.log2_samples, p.block,  p.log2_blocks, p.quarters};
   path.sampler.reversed_index = get_int();
   return get_int();
 }
@@ -75,12 +76,13 @@ inline Int dequeue(const Wavefront& front, const PathFrame& p, int at, PathState
 inline Vec generate_camera_rays(const Frame& f, const PathFrame& p, Int column, Int row, Int index,
                                 Mask active, PathState& path) {
   path.sampler = {row * splat(f.width) + column,
-                  reverse_bits(index),
+                  reverse_bits(index + splat(p.first_sample)),
                   p.sample_set,
                   p.seed,
                   p.log2_samples,
                   p.block,
-                  p.log2_blocks};
+                  p.log2_blocks,
+                  p.quarters};
   Point2 in_pixel = sample_2d(path.sampler, DIM_PIXEL);
   path.rays = rays_through(f, to_float(column) + in_pixel.x, to_float(row) + in_pixel.y);
   for (Float& share : path.throughput) share = splat(1.0f);
@@ -136,6 +138,7 @@ inline void start_paths(const Frame& f, const PathFrame& p, Wavefront& front, In
   Mask lit = intersect_camera_rays(f, p, path, cone, active, clearance, out),
        alive = mask_from_bits(0);
   Float hit_distance = select(lit, path.hit.distance, splat(T_INFINITY));
+  if (front.geoms) store(b.first_geom + front.slots, select(lit, path.hit.geom, splat(-1)));
   // hits on moving geoms are not cached
   if (lamp_clearance != clearance)
     store(b.hit_geom + front.slots, select(recorded.gap < 0.0f, splat(-2), path.hit.geom));
@@ -246,14 +249,28 @@ inline void load_radiance(const Frame& f, const PathBatch& b, int slot, Float* l
   apply_medium(f, direction, load(b.hit_distance + slot), light);
 }
 
+// Reduce the first geoms of a pixel's samples: add `geom` to those before it.
+EVS_INLINE Int join_geoms(Int before, Int geom) {
+  return select(before == geom, geom, splat(MIXED_GEOMS));
+}
+
+// Write the first geoms of a row of pixels that begins at (x, y), as far as it lies in the image.
+inline void write_geoms(const Frame& f, int x, int y, Int geoms, int32_t* out) {
+  alignas(64) int each[LANES];
+  store(each, geoms);
+  int end = f.width - x < LANES ? f.width - x : LANES;
+  for (int i = 0; i < end; i++) out[static_cast<long>(y) * f.width + x + i] = each[i];
+}
+
 constexpr int SUM_BLOCK = 64;  // partial sums, so that thousands of samples do not lose precision
 constexpr int BATCH_PACKETS = PathBatch::ROOM / LANES;
 
 // Compute the mean over all samples of `count` packets of pixels. place(k, column, row) gives the
-// k-th packet's pixels and the bounding cone of its rays, or null; done(k, mean) receives its mean.
+// k-th packet's pixels and the bounding cone of its rays, or null; done(k, mean, geoms) receives
+// its mean, and the first geoms of its pixels if these are wanted.
 template <class Place, class Done>
 void trace_packets(const Frame& f, const PathFrame& p, PathBatch& batch, int count,
-                   const Place& place, const Done& done) {
+                   bool wants_geoms, const Place& place, const Done& done) {
   int chunk = f.samples < BATCH_PACKETS ? f.samples : BATCH_PACKETS;
   // batches of equal size
   int batches = (count * chunk + BATCH_PACKETS - 1) / BATCH_PACKETS;
@@ -261,10 +278,13 @@ void trace_packets(const Frame& f, const PathFrame& p, PathBatch& batch, int cou
   int size = even < most ? even : most;
   for (int begin = 0; begin < count; begin += size) {
     int end = begin + size < count ? begin + size : count;
-    Float sum[3], part[3];  // of the last packet: with more than one chunk there is only one
+    // of the last packet: with more than one chunk there is only one
+    Float sum[3], part[3];
+    Int geoms = splat(-1);
     for (int first = 0; first < f.samples; first += chunk) {
       int last = first + chunk < f.samples ? first + chunk : f.samples;
       Wavefront front = {batch, nullptr};
+      front.geoms = wants_geoms;
       for (int k = begin; k < end; k++) {
         Int column, row;
         const RayCone* cone = place(k, column, row);
@@ -279,6 +299,10 @@ void trace_packets(const Frame& f, const PathFrame& p, PathBatch& batch, int cou
         for (int s = first; s < last; s++, slot += LANES) {
           Float light[3];
           load_radiance(f, batch, slot, light);
+          if (wants_geoms) {
+            Int geom = load(batch.first_geom + slot);
+            geoms = s == 0 ? geom : join_geoms(geoms, geom);
+          }
           bool full = s % SUM_BLOCK == SUM_BLOCK - 1 || s == f.samples - 1;
           for (int c = 0; c < 3; c++) {
             part[c] = part[c] + light[c];
@@ -291,7 +315,7 @@ void trace_packets(const Frame& f, const PathFrame& p, PathBatch& batch, int cou
         if (last < f.samples) continue;
         Float mean[3];
         for (int c = 0; c < 3; c++) mean[c] = sum[c] * (1.0f / static_cast<float>(f.samples));
-        done(k, mean);
+        done(k, mean, geoms);
       }
     }
   }
@@ -309,9 +333,18 @@ inline void trace_path_row(const Frame& f, const PathFrame& p, PathBatch& batch,
     return f.pairs && 2 * k + 1 < columns ? &f.pairs[row * (columns / 2) + k] : nullptr;
   };
   int count = (columns + PACKETS - 1) / PACKETS;
-  trace_packets(f, p, batch, count, place, [&](int k, const Float* mean) {
+  auto done = [&](int k, const Float* mean, Int geoms) {
     write_pixels<3>(f, k * PACKETS, row, luminance_of<3>(f, mean), mean, out);
-  });
+    if (!out.geoms) return;
+    alignas(64) int each[LANES];
+    store(each, geoms);
+    for (int i = 0; i < LANES; i++) {
+      int x = (k * PACKETS + i / PACKET) * PACKET_WIDTH + i % PACKET_WIDTH;
+      int y = row * PACKET_HEIGHT + i % PACKET / PACKET_WIDTH;
+      if (x < f.width && y < f.height) out.geoms[static_cast<long>(y) * f.width + x] = each[i];
+    }
+  };
+  trace_packets(f, p, batch, count, out.geoms != nullptr, place, done);
 }
 
 inline void trace_path_pixels(const Frame& f, const PathFrame& p, PathBatch& batch,
@@ -323,13 +356,79 @@ inline void trace_path_pixels(const Frame& f, const PathFrame& p, PathBatch& bat
     y16 = load(row);
     return nullptr;
   };
-  trace_packets(f, p, batch, 1, place, [&](int, const Float* mean) {
+  trace_packets(f, p, batch, 1, false, place, [&](int, const Float* mean, Int) {
     alignas(64) float out[LANES];
     store(out, luminance_of<3>(f, mean));
     for (int i = 0; i < count; i++) {
       luminance[i] = vignetted(f, static_cast<long>(row[i]) * f.width + column[i], out[i]);
     }
   });
+}
+
+// Trace the pixels of a row of packets whose bit in `marked` is set. Returns their number.
+inline long trace_marked_row(const Frame& f, const PathFrame& p, PathBatch& batch, int row,
+                             const uint32_t* marked, const Outputs& out) {
+  // uncached paths leave these arrays of the batch free
+  int32_t *x = batch.owner, *y = batch.touched;
+  int words = (f.width + 31) / 32, top = row * PACKET_HEIGHT, count = 0;
+  int bottom = top + PACKET_HEIGHT < f.height ? top + PACKET_HEIGHT : f.height;
+  long traced = 0;
+  auto place = [&](int k, Int& column, Int& line) -> const RayCone* {
+    column = load(x + k * LANES);
+    line = load(y + k * LANES);
+    return nullptr;
+  };
+  auto done = [&](int k, const Float* mean, Int) {
+    alignas(64) float grey[LANES], colour[3][LANES];
+    store(grey, luminance_of<3>(f, mean));
+    for (int c = 0; c < 3; c++) store(colour[c], mean[c]);
+    for (int i = 0; i < LANES && k * LANES + i < count; i++) {
+      long at = static_cast<long>(y[k * LANES + i]) * f.width + x[k * LANES + i];
+      out.luminance[at] = vignetted(f, at, grey[i]);
+      for (int c = 0; c < 3 && out.rgb; c++) out.rgb[3 * at + c] = vignetted(f, at, colour[c][i]);
+    }
+  };
+  auto trace = [&] {
+    if (count == 0) return;
+    // unused lanes repeat the last pixel
+    int packets = (count + LANES - 1) / LANES;
+    for (int i = count; i < packets * LANES; i++) x[i] = x[count - 1], y[i] = y[count - 1];
+    trace_packets(f, p, batch, packets, false, place, done);
+    traced += count;
+    count = 0;
+  };
+  // go packet by packet, so that the rays are coherent
+  for (int first = 0; first < f.width; first += PACKET_WIDTH) {
+    if (count + PACKET > PathBatch::ROOM) trace();
+    for (int j = top; j < bottom; j++) {
+      unsigned four = marked[static_cast<long>(j) * words + first / 32] >> first % 32 & 15u;
+      for (; four; four &= four - 1) {
+        x[count] = first + first_lane(four);
+        y[count++] = j;
+      }
+    }
+  }
+  trace();
+  return traced;
+}
+
+// The geoms that the samples of some pixels hit first.
+inline void first_geoms(const Frame& f, const PathFrame& p, const int32_t* x, const int32_t* y,
+                        int count, int32_t* geoms) {
+  alignas(64) int column[LANES], row[LANES], each[LANES];
+  fill_lanes(x, y, count, column, row);
+  Mask active = mask_from_bits(ALL_LANES);
+  Int all = splat(-1);
+  for (int s = 0; s < f.samples; s++) {
+    PathState path;
+    Float ignored[3] = {splat(0.0f), splat(0.0f), splat(0.0f)};
+    generate_camera_rays(f, p, load(column), load(row), splat(s), active, path);
+    Mask lit = intersect_camera_rays(f, p, path, nullptr, active, nullptr, ignored);
+    Int geom = select(lit, path.hit.geom, splat(-1));
+    all = s == 0 ? geom : join_geoms(all, geom);
+  }
+  store(each, all);
+  for (int i = 0; i < count; i++) geoms[i] = each[i];
 }
 
 }  // namespace

@@ -15,6 +15,16 @@ void trace_path_pixels_avx512(const Frame& f, const PathFrame& p, PathBatch& bat
   avx512_path_pairs::trace_path_pixels(f, p, batch, x, y, count, luminance);
 }
 
+long trace_marked_row_avx512(const Frame& f, const PathFrame& p, PathBatch& batch, int row,
+                             const uint32_t* marked, const Outputs& out) {
+  return avx512_path_pairs::trace_marked_row(f, p, batch, row, marked, out);
+}
+
+void first_geoms_avx512(const Frame& f, const PathFrame& p, const int32_t* x, const int32_t* y,
+                        int count, int32_t* geoms) {
+  avx512_path_pairs::first_geoms(f, p, x, y, count, geoms);
+}
+
 long update_cached_paths_avx512(const Frame& f, const PathFrame& p, PathBatch& batch,
                                 const PathCacheView& cache, int begin, int end,
                                 const Outputs& out) {
