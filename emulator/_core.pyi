@@ -32,7 +32,7 @@ class Tracing:
         """
         Args:
             samples: The number of samples per pixel.
-            adaptive: Take all samples only where neighbours differ, and one elsewhere.
+            adaptive: Take all samples only at edges; elsewhere one, or a quarter (path).
             shadows: Whether lights cast shadows.
             incremental: With a still camera, reuse what nothing that moved can affect.
             rgb: Whether `render` can output colour.

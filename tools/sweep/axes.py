@@ -41,20 +41,28 @@ def renderer(base: PipelineConfig) -> Values:
 
 
 def samples(base: PipelineConfig) -> Values:
-    """Samples a pixel: by powers of two with `direct`, by powers of four around it with `path`."""
+    """Samples a pixel: by powers of two with `direct`, by powers of four around it with `path`.
+
+    And more of them at edges: with `path` four times as many as elsewhere.
+    """
     render = base.render
+    every: Changes = {"render.antialiasing": "fixed"}
+    edges: Changes = {"render.antialiasing": "adaptive"}
     if render.renderer == "path":
-        steps = [render.samples * 4**k for k in (-2, -1, 1, 2)]
+        at_edges = render.antialiasing == "adaptive"
+        own = max(1, render.samples // 4) if at_edges else render.samples
+        steps = [own * 4**k for k in (-2, -1, 0, 1, 2)]
         wanted = sorted({min(PATH_SPP, step) for step in map(int, steps) if step >= 1})
-        edges = 4 * render.samples
         return [
-            *((f"path {spp}", {"render.spp": spp}) for spp in wanted),
-            (f"path {edges} at edges", {"render.spp": edges, "render.antialiasing": "adaptive"}),
+            *((f"path {spp}", {**every, "render.spp": spp}) for spp in wanted),
+            *(
+                (f"path {4 * spp} at edges", {**edges, "render.spp": 4 * spp})
+                for spp in wanted
+                if own <= 4 * spp <= 4 * own and 4 * spp <= PATH_SPP
+            ),
         ]
     if render.renderer == "raster":
         return [(f"raster {spp}", {"render.spp": spp}) for spp in (1, 4)]
-    every: Changes = {"render.antialiasing": "fixed"}
-    edges: Changes = {"render.antialiasing": "adaptive"}
     return [
         *((f"direct {spp}", {**every, "render.spp": spp}) for spp in DIRECT_SPP),
         *((f"direct {spp} at edges", {**edges, "render.spp": spp}) for spp in (4, 16)),

@@ -45,17 +45,26 @@ def test_each_point_differs_from_its_preset_in_what_it_says_and_nothing_else() -
 
 
 @pytest.mark.parametrize(
-    ("spp", "wanted"),
-    [(1, [4, 16]), (4, [1, 16, 64]), (64, [4, 16, 256, 1024]), (1024, [64, 256, 2048])],
+    ("spp", "antialiasing", "wanted", "at_edges"),
+    [
+        (1, "fixed", [4, 16], [4]),
+        (4, "fixed", [1, 16, 64], [4, 16]),
+        (64, "fixed", [4, 16, 256, 1024], [64, 256]),
+        (1024, "fixed", [64, 256, 2048], [1024]),
+        (16, "adaptive", [1, 4, 16, 64], [4]),
+    ],
 )
 def test_samples_of_paths_go_around_the_presets(
-    tmp_path: Path, spp: int, wanted: list[int]
+    tmp_path: Path, spp: int, antialiasing: str, wanted: list[int], at_edges: list[int]
 ) -> None:
     file = tmp_path / "mine.toml"
-    file.write_text(f'[render]\nrenderer = "path"\nspp = {spp}\n')
+    render = f'renderer = "path"\nspp = {spp}\nantialiasing = "{antialiasing}"'
+    file.write_text(f"[render]\n{render}\n")
     own, *others = axes.points([str(file)], ["samples"])
     assert own == SweepPoint(str(file))
-    assert [p.config.render.spp for p in others] == wanted
+    found = [(p.config.render.antialiasing, p.config.render.spp) for p in others]
+    assert [spp for where, spp in found if where == "fixed"] == wanted
+    assert [spp for where, spp in found if where == "adaptive"] == at_edges
 
 
 def test_the_axes_of_a_preset_of_hard_light(tmp_path: Path) -> None:
