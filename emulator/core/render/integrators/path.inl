@@ -129,18 +129,6 @@ EVS_INLINE void add_radiance(const Float* throughput, const Float* light, Float 
   }
 }
 
-// Add the environment's radiance along BSDF-sampled rays, weighted against light sampling. `tr`:
-// the rays' transmittance.
-inline void add_environment(const Frame& f, const PathFrame& p, Vec d, Mask specular_bounce,
-                            Float pdf, const Float* throughput, Float tr, Mask lanes, Float* out) {
-  EnvironmentPoint at = environment_point(f, d);
-  Float light[3], light_pdf = environment_pdf(p, at);
-  environment_radiance(f, p, at, select(specular_bounce, splat(T_INFINITY), pdf), specular_bounce,
-                       to_bits(lanes), light);
-  Float weight = select(specular_bounce, splat(1.0f), pdf / max(pdf + light_pdf, splat(1e-30f)));
-  add_radiance(throughput, light, weight * tr, lanes, out);
-}
-
 // A packet of paths, all with the same number of bounces.
 struct PathState {
   Rays rays;
@@ -149,8 +137,24 @@ struct PathState {
   Float path_length;     // from the camera to the rays' origin
   Float pdf;             // of sampling the rays, per sr
   Mask specular_bounce;  // light sampling cannot find these: camera and mirror rays
+  Float mirrored;        // width of the rays' pixel, in those of all samples: a mirror has fewer
   Sampler sampler;
 };
+
+// Add the environment's radiance along BSDF-sampled rays, weighted against light sampling. `tr`:
+// the rays' transmittance.
+inline void add_environment(const Frame& f, const PathFrame& p, const PathState& path, Float tr,
+                            Mask lanes, Float* out) {
+  Vec d = path.rays.direction;
+  Float pdf = path.pdf;
+  Mask specular_bounce = path.specular_bounce;
+  EnvironmentPoint at = environment_point(f, d);
+  Float light[3], light_pdf = environment_pdf(p, at);
+  environment_radiance(f, p, at, select(specular_bounce, splat(T_INFINITY), pdf), specular_bounce,
+                       path.mirrored, to_bits(lanes), light);
+  Float weight = select(specular_bounce, splat(1.0f), pdf / max(pdf + light_pdf, splat(1e-30f)));
+  add_radiance(path.throughput, light, weight * tr, lanes, out);
+}
 
 // Intersect the rays of `active`, and add the environment's radiance where they miss. `cone` bounds
 // the rays; `from_geom`: where they start; `clearance` records every ray, or null. Out: the lanes
@@ -168,8 +172,7 @@ inline Mask intersect_paths(const Frame& f, const PathFrame& p, int bounce, Path
                                active, 0, clearance);
       Mask clear = active & (tr > 0.0f);
       if (any(clear)) {
-        add_environment(f, p, rays.direction, path.specular_bounce, path.pdf, path.throughput, tr,
-                        clear, out);
+        add_environment(f, p, path, tr, clear, out);
       }
     }
     if (!p.emissive) return mask_from_bits(0);
@@ -212,8 +215,7 @@ inline Mask intersect_paths(const Frame& f, const PathFrame& p, int bounce, Path
       if (f.skybox >= 0) camera_environment<3>(f, rays.direction, to_bits(missed), light);
       add_radiance(path.throughput, light, one, missed, out);
     } else {
-      add_environment(f, p, rays.direction, path.specular_bounce, path.pdf, path.throughput, one,
-                      missed, out);
+      add_environment(f, p, path, one, missed, out);
     }
   }
   return lit;
@@ -330,8 +332,8 @@ inline Mask shade_paths(const Frame& f, const PathFrame& p, int bounce, PathStat
     to_environment = to_environment & (v.pdf > 0.0f);
     if (any(to_environment)) {
       Float light[3];
-      environment_radiance(f, p, environment_at, v.pdf, mask_from_bits(0), to_bits(to_environment),
-                           light);
+      environment_radiance(f, p, environment_at, v.pdf, mask_from_bits(0), splat(1.0f),
+                           to_bits(to_environment), light);
       for (int c = 0; c < 3; c++)
         light_sample.light[c] = select(to_environment, light[c], light_sample.light[c]);
     }
@@ -356,6 +358,8 @@ inline Mask shade_paths(const Frame& f, const PathFrame& p, int bounce, PathStat
   // sample the BSDF for the next ray
   Point2 u_lobe = sample_2d(sampler, first_dimension + DIM_BSDF_LOBE),
          u_direction = sample_2d(sampler, first_dimension + DIM_BSDF_DIRECTION);
+  if (bounce == 0 && any(lit & (s.mirror > 0.0f)))
+    u_lobe.x = mirror_choice(sampler, DIM_PIXEL, u_lobe.x);
   BsdfSample next = sample_bsdf(s, rays.direction, u_lobe, u_direction);
   Mask active = lit & next.alive & (dot(next.direction, interaction.geometric_normal) > 0.0f);
   // update the throughput
@@ -375,6 +379,10 @@ inline Mask shade_paths(const Frame& f, const PathFrame& p, int bounce, PathStat
   // spawn the next rays
   path.specular_bounce = next.specular;
   path.pdf = next.pdf;
+  if (bounce == 0) {
+    path.mirrored =
+        select(next.specular, 1.0f / sqrt(max(s.mirror_probability, splat(1e-6f))), splat(1.0f));
+  }
   path.path_length = path.path_length + hit.distance;
   from_geom = hit.geom;
   path.rays = {interaction.spawn_point, next.direction, false};

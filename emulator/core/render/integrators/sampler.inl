@@ -102,21 +102,23 @@ EVS_INLINE Float to_unit_float(Int a) {
   return to_float(shift_right_unsigned<8>(a)) * 5.9604644775390625e-8f;
 }
 
-// Sample one dimension: two numbers in [0, 1).
-EVS_INLINE Point2 sample_2d(const Sampler& s, int dimension) {
+// What the numbers of one dimension follow from.
+struct DimensionKey {
+  unsigned mixed;  // of seed and dimension
+  Int pixel;       // of these and the pixel
+};
+EVS_INLINE DimensionKey dimension_key(const Sampler& s, int dimension) {
   Int seed_pixel = s.pixel;
   if (s.mode == SAMPLES_GLOBAL) seed_pixel = splat(0);
   unsigned mixed =
       hash(static_cast<unsigned>(s.seed) * 0x9e3779b9u + static_cast<unsigned>(dimension));
-  Int key = hash(seed_pixel ^ splat(static_cast<int>(mixed)));
-  if (s.mode == SAMPLES_RANDOM) {
-    const int before = s.block << s.log2_samples;
-    Int a = hash(key + hash(reverse_bits(s.reversed_index) + splat(before + 1)));
-    return {to_unit_float(a), to_unit_float(hash(a ^ splat(0x68bc21eb)))};
-  }
-  // shuffle the order of the points, so that dimensions pair differently
-  Int order = s.mode == SAMPLES_SOBOL ? splat(static_cast<int>(hash(mixed)))
-                                      : hash(key ^ splat(0x2c1b3c6d));
+  return {mixed, hash(seed_pixel ^ splat(static_cast<int>(mixed)))};
+}
+
+// The index of a Sobol point. Their order is shuffled, so that dimensions pair differently.
+EVS_INLINE Int point_index(const Sampler& s, const DimensionKey& key) {
+  Int order = s.mode == SAMPLES_SOBOL ? splat(static_cast<int>(hash(key.mixed)))
+                                      : hash(key.pixel ^ splat(0x2c1b3c6d));
   // differently in each block
   Int order_in_block =
       order + splat(static_cast<int>(static_cast<unsigned>(s.block) * 0x9e3779b9u));
@@ -135,6 +137,18 @@ EVS_INLINE Point2 sample_2d(const Sampler& s, int dimension) {
             ((own ^ (moved * splat(1 << quarter))) & splat(3 << quarter));
   }
   if (s.log2_blocks > 0) index = index | (block * splat(1 << s.log2_samples));
+  return index;
+}
+
+// Sample one dimension: two numbers in [0, 1).
+EVS_INLINE Point2 sample_2d(const Sampler& s, int dimension) {
+  DimensionKey key = dimension_key(s, dimension);
+  if (s.mode == SAMPLES_RANDOM) {
+    const int before = s.block << s.log2_samples;
+    Int a = hash(key.pixel + hash(reverse_bits(s.reversed_index) + splat(before + 1)));
+    return {to_unit_float(a), to_unit_float(hash(a ^ splat(0x68bc21eb)))};
+  }
+  Int index = point_index(s, key);
   // the direction numbers of the second dimension are Pascal's triangle modulo 2
   Int second = splat(0);
   unsigned direction = 0x80000000u;
@@ -143,11 +157,22 @@ EVS_INLINE Point2 sample_2d(const Sampler& s, int dimension) {
     second = select(set, second ^ splat(static_cast<int>(direction)), second);
     direction ^= direction >> 1;
   }
-  Int shift_x = hash(key + splat(0x1b873593)), shift_y = hash(key + splat(0x27d4eb2f));
+  Int shift_x = hash(key.pixel + splat(0x1b873593)), shift_y = hash(key.pixel + splat(0x27d4eb2f));
   if (s.mode == SAMPLES_SOBOL)
     return {to_unit_float(reverse_bits(index) + shift_x), to_unit_float(second + shift_y)};
   return {to_unit_float(reverse_bits(scramble_reversed(index, shift_x))),
           to_unit_float(reverse_bits(scramble_reversed(reverse_bits(second), shift_y)))};
+}
+
+// A number in [0, 1) that chooses between a surface and its mirror at the first vertex. It follows
+// the order of the points in the pixel, and `u` between two of them. So the samples that see the
+// mirror, and the others, are each spread evenly over the pixel.
+EVS_INLINE Float mirror_choice(const Sampler& s, int pixel_dimension, Float u) {
+  if (s.mode == SAMPLES_RANDOM || s.mode == SAMPLES_ANCHORED) return u;
+  const int strata = 1 << (s.quarters ? s.log2_samples - 2 : s.log2_samples);
+  Int index = point_index(s, dimension_key(s, pixel_dimension)) & splat(strata - 1);
+  Float choice = (to_float(index) + u) * (1.0f / static_cast<float>(strata));
+  return min(choice, splat(0.99999994f));
 }
 
 // Identify the surface cell that a camera ray hits, in the geom's own frame. A cell is a power of

@@ -66,6 +66,7 @@ inline Int dequeue(const Wavefront& front, const PathFrame& p, int at, PathState
   path.path_length = get();
   path.pdf = get();
   path.specular_bounce = get() > 0.0f;
+  path.mirrored = splat(1.0f);
   path.sampler = {get_int(),      splat(0), p.sample_set,  p.seed,
                   p.log2_samples, p.block,  p.log2_blocks, p.quarters};
   path.sampler.reversed_index = get_int();
@@ -87,6 +88,7 @@ inline Vec generate_camera_rays(const Frame& f, const PathFrame& p, Int column, 
   path.rays = rays_through(f, to_float(column) + in_pixel.x, to_float(row) + in_pixel.y);
   for (Float& share : path.throughput) share = splat(1.0f);
   path.path_length = path.pdf = splat(0.0f);
+  path.mirrored = splat(1.0f);
   path.specular_bounce = active;
   return path.rays.direction;
 }

@@ -69,12 +69,13 @@ EVS_INLINE EnvironmentPoint environment_point(const Frame& f, Vec d) {
 // width, and by at most a texel of 32 a face (after Krivanek & Colbert 2008): small bright spots
 // give less noise, and texture reads stay close together.
 inline void environment_radiance(const Frame& f, const PathFrame& p, const EnvironmentPoint& at,
-                                 Float bsdf_pdf, Mask shown, unsigned lanes, Float* light) {
+                                 Float bsdf_pdf, Mask shown, Float mirrored, unsigned lanes,
+                                 Float* light) {
   // uniform environment
   for (int c = 0; c < 3; c++) light[c] = select(shown, splat(0.0f), splat(p.ambient_radiance[c]));
   // width of the lookup
   Float width = 0.0625f / sqrt(max(bsdf_pdf, splat(1.0f)));
-  if (!f.orthographic) width = max(width, splat(f.pixel_angle));
+  if (!f.orthographic) width = max(width, mirrored * f.pixel_angle);
   Float footprint = min(width * 0.5f / at.major, splat(1.0f / 32));
   auto add = [&](int texture, const float* tint) {
     Float texel[3];

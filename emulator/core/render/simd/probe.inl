@@ -11,8 +11,8 @@ namespace {
 // Sample one dimension for 16 pixels. Out: x, y (16).
 void probe_sampler(int mode, int seed, int log2_samples, int block, int log2_blocks, int index,
                    int dimension, const int* pixel, float* x, float* y) {
-  Sampler sampler = {load(pixel), reverse_bits(splat(index)), mode, seed, log2_samples, block,
-                     log2_blocks};
+  Sampler sampler = {
+      load(pixel), reverse_bits(splat(index)), mode, seed, log2_samples, block, log2_blocks, false};
   Point2 pair = sample_2d(sampler, dimension);
   store(x, pair.x);
   store(y, pair.y);
@@ -90,7 +90,7 @@ void probe_light_sample(const Frame& f, const PathFrame& p, const float* point, 
                                  ? sample_environment(f, p, u_point, at)
                                  : sample_emitter(f, p, from, load(u), u_point, all, splat(0.0f));
   if (environment)
-    environment_radiance(f, p, at, splat(T_INFINITY), mask_from_bits(0), 0xffff,
+    environment_radiance(f, p, at, splat(T_INFINITY), mask_from_bits(0), splat(1.0f), 0xffff,
                          light_sample.light);
   probe_store(out, light_sample.wi, light_sample.light, light_sample.pdf);
   probe_light_pdf(f, p, point, out);
