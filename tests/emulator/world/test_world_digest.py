@@ -22,9 +22,9 @@ pytestmark = pytest.mark.golden
 
 DIGESTS = {
     "direct": "81e1bd691c2e8dc8",
-    "path": "3430424331abd788",
-    "path cycle": "944927d18ed2b27e",
-    "path cycle adaptive": "a00cc0481dc00d1c",
+    "path": "a616c6e1eb7380ca",
+    "path cycle": "57933fcda5a0117c",
+    "path cycle adaptive": "6360896e6b4d19bb",
 }
 """renderer, seeds and antialiasing -> digest of the light and events of all cameras"""
 
