@@ -25,7 +25,7 @@ struct Sampler {
   int seed;            // of the whole image
   int log2_samples;    // at most 2^log2_samples samples are drawn in a block
   int block, log2_blocks;
-  bool quarters;  // of the samples: see sample_2d
+  bool quarters;  // of the samples: see point_index
 };
 
 template <int N>
