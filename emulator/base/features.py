@@ -45,6 +45,8 @@ FEATURES = (
         "paths ask each layer how much it lets pass",
         "what is nearest and whether anything is there are told apart by a rounding",
     ),
+    Feature("hierarchy", "render", "a search tree over many geoms"),
+    Feature("light_reach", "render", "lights are left out where they cannot reach"),
     Feature("light_gains", "render", "a strength of each light in each tick"),
     Feature("lens", "render", "rays that a lens bends", ROUNDS),
     Feature("vignetting", "render", "a share of the light for each pixel"),
@@ -92,6 +94,7 @@ NAMES = tuple(feature.name for feature in FEATURES)
 NATIVE = (
     *("colour", "physical_gloss", "normal_maps", "texture_filter", "fog", "haze", "shadows"),
     *("plane_shadows", "full_retrace", "refits", "glowing", "transparent"),
+    *("hierarchy", "light_reach"),
 )
 """Those that the native tracer decides: core/render/feature_flags.h."""
 

@@ -158,6 +158,8 @@ class Contents:
     """lights that cast shadows"""
     coloured: tuple[str, ...]
     """names of the lights that are not grey"""
+    bounded: int
+    """lights with a cone or a range"""
     bulbs: int
     """lights with a radius, which `path` sees as balls"""
     surfaces: int
@@ -225,6 +227,7 @@ def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
         lights=dict(sorted(kinds.items())),
         casting=sum(x.castshadow and x.kind is not LightKind.IMAGE for x in lights),
         coloured=tuple(x.name for x in lights if not _is_grey(scene, x)),
+        bounded=sum(_is_bounded(light) for light in lights),
         bulbs=sum(
             x.bulbradius_m > 0 and x.kind in (LightKind.SPOT, LightKind.POINT) for x in lights
         ),
@@ -277,6 +280,12 @@ def _is_grey(scene: SceneModel, light: Light) -> bool:
         return True
     image = scene.textures[light.texture].data
     return image.shape[-1] < 3 or bool(np.all(image[..., :3] == image[..., :1]))
+
+
+def _is_bounded(light: Light) -> bool:
+    cone = light.kind is LightKind.SPOT and light.cutoff_deg < 180
+    local = light.kind in (LightKind.SPOT, LightKind.POINT)
+    return cone or (local and light.intensity > 0 and light.range_m > 0)
 
 
 @dataclass(frozen=True)
@@ -344,6 +353,7 @@ def _air(has: Contents, render: RenderConfig) -> dict[str, Why]:
 
 def _light(has: Contents, mobility: Mobility, render: RenderConfig, path: bool) -> dict[str, Why]:
     coloured = ", ".join(has.coloured[:3])
+    geoms = sum(has.geoms.values())
     bent = "camera.distortion_model"
     retrace = "render.incremental=false" if RENDERERS[render.renderer].traced else "OpenGL draws it"
     kept = f"{'samples' if path else 'pixels'} that nothing that moved can touch are kept"
@@ -363,6 +373,11 @@ def _light(has: Contents, mobility: Mobility, render: RenderConfig, path: bool) 
             f"the lights are on the front of every plane ({has.planes})"
             if has.planes
             else "there is no plane",
+        ),
+        "hierarchy": Why(f"geoms: {geoms}", f"few geoms: {geoms}"),
+        "light_reach": Why(
+            f"lights with a cone or a range: {has.bounded}",
+            f"few lights with a cone or a range: {has.bounded}",
         ),
         "light_gains": Why("[[render.flicker]]", "no light flickers"),
         "lens": Why(bent, f"{bent}=none: a pinhole"),

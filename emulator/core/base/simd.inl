@@ -397,6 +397,7 @@ EVS_INLINE Mask operator>=(Float a, float b) { return splat(b) <= a; }
 EVS_INLINE Mask select(Mask m, Mask a, Mask b) { return (m & a) | (~m & b); }
 EVS_INLINE bool any(Mask a) { return to_bits(a) != 0; }
 EVS_INLINE int first_lane(unsigned lanes) { return __builtin_ctz(lanes); }
+EVS_INLINE unsigned first_lanes(int count) { return count < LANES ? (1u << count) - 1 : ALL_LANES; }
 
 // largest whole number <= a, for |a| < 2^31
 EVS_INLINE Float floor(Float a) {

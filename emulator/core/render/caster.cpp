@@ -8,6 +8,9 @@
 namespace evs {
 namespace {
 
+// To scan so few geoms, or lights with a cone or a range, is as fast as to cull them.
+constexpr int FEW_GEOMS = 128, FEW_LIGHTS = 4;
+
 struct D3 {
   double x, y, z;
 };
@@ -93,11 +96,23 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
   frame_.geom_count = count;
   frame_.plane_count = static_cast<int>(
       std::count_if(geoms_.begin(), geoms_.end(), [](const Geom& g) { return g.shape == PLANE; }));
+  int others = count - frame_.plane_count;
+  bvh_.emplace(frame_.plane_count, forced_.decide(HIERARCHY, others > FEW_GEOMS) ? others : 0);
+  frame_.bvh = bvh_->view();
   frame_.meshes = meshes_.data();
   frame_.surfaces = appearance_.surfaces.data();
   frame_.textures = appearance_.textures.data();
   frame_.lights = appearance_.lights.data();
   frame_.light_count = static_cast<int>(appearance_.lights.size());
+  reaches_.emplace(appearance_.lights.size());
+  frame_.reach = reaches_->view();
+  auto bounded = [](const Light& light) {
+    LightReach reach = reach_of(light);
+    return reach.cosine > -1 || reach.fade > 0;
+  };
+  frame_.cull_lights = forced_.decide(
+      LIGHT_REACH,
+      std::count_if(appearance_.lights.begin(), appearance_.lights.end(), bounded) > FEW_LIGHTS);
   frame_.skybox = appearance_.skybox;
   frame_.channels = appearance_.channels;
   std::copy(appearance_.weights, appearance_.weights + MAX_CHANNELS, frame_.weights);
@@ -212,6 +227,8 @@ void Caster::place_geoms(const Poses& p) {
     spheres_.set(static_cast<int>(k), bounding_spheres_[k]);
   }
   frame_.bounds = spheres_.view();
+  bvh_->update(geoms_.data(), meshes_.data());
+  frame_.bvh = bvh_->view();
   frame_.finite_bounds = sphere_around(bounding_spheres_.data() + frame_.plane_count,
                                        geoms_.size() - static_cast<size_t>(frame_.plane_count));
   frame_.mirrored_bounds = mirrored_in_plane();
@@ -257,6 +274,7 @@ void Caster::place_lights(const Poses& p) {
     }
     l.non_occluders = non_occluding_planes(l);
   }
+  reaches_->update(appearance_.lights);
 }
 
 void Caster::set_light_gains(const float* gains) {

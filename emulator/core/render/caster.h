@@ -10,6 +10,8 @@
 #include "appearance.h"
 #include "emitters.h"
 #include "feature_flags.h"
+#include "geometry/geom_bvh.h"
+#include "geometry/light_reach.h"
 #include "incremental/packet_cache.h"
 #include "incremental/path_cache.h"
 #include "integrators/antialiasing.h"
@@ -160,6 +162,8 @@ class Caster {
   std::vector<std::vector<float>> shapes_;  // last vertices and normals of each deforming mesh
   std::vector<bool> deformed_;              // meshes, since the last render
   Spheres spheres_, moved_;
+  std::optional<GeomBvhBuilder> bvh_;
+  std::optional<LightReaches> reaches_;
   std::vector<BoundingCapsule> moved_capsules_;  // around geoms that moved, before and now
   std::vector<BoundingSphere> moved_spheres_;    // around those; as `moved_`
   BoundingSphere around_moved_ = {{0, 0, 0}, -1};

@@ -49,6 +49,8 @@ FeatureFlags Caster::features() const {
   on[REFITS] = forced_.decide(REFITS, work_.bvhs_refitted > 0);
   on[EMISSIVE] = path && paths_.emissive;
   on[TRANSPARENT] = path && paths_.transparent;
+  on[HIERARCHY] = frame_.bvh.top > 0;
+  on[LIGHT_REACH] = frame_.cull_lights;
   FeatureFlags flags;
   for (int feature = 0; feature < FEATURE_COUNT; feature++) {
     flags[FEATURE_NAMES[feature]] = on[feature];

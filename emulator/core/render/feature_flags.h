@@ -21,17 +21,20 @@ enum Feature {
   REFITS,         // refit the BVHs of deforming meshes
   EMISSIVE,       // paths look for emissive surfaces after their last bounce
   TRANSPARENT,    // paths evaluate the opacity of each layer
+  HIERARCHY,      // find what rays may touch through a hierarchy over geoms
+  LIGHT_REACH,    // leave out lights where they cannot reach
   FEATURE_COUNT
 };
 
 constexpr const char* FEATURE_NAMES[FEATURE_COUNT] = {
-    "colour",  "physical_gloss", "normal_maps",  "texture_filter", "fog",     "haze",
-    "shadows", "plane_shadows",  "full_retrace", "refits",         "glowing", "transparent"};
+    "colour",  "physical_gloss", "normal_maps",   "texture_filter", "fog",
+    "haze",    "shadows",        "plane_shadows", "full_retrace",   "refits",
+    "glowing", "transparent",    "hierarchy",     "light_reach"};
 
 using FeatureFlags = std::map<std::string, bool>;
 
 // Features forced on (the output's bytes stay the same, but for TRANSPARENT) or off (for tests:
-// what needs the feature is then wrong).
+// what needs the feature is then wrong, or with the last two slow).
 class ForcedFeatures {
  public:
   ForcedFeatures() { setting_.fill(-1); }

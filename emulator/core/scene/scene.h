@@ -123,6 +123,13 @@ struct Light {
   float harmonics[MAX_CHANNELS][9];
 };
 
+// Where lights can reach: in a cone, up to a range. Structure of arrays, 31 longer than the lights.
+struct LightReachArray {
+  const float *x, *y, *z, *direction_x, *direction_y, *direction_z;
+  const float *cosine, *sine;  // of the cone; -1, 0: everywhere
+  const float* fade;           // 1 / range^2; 0: everywhere
+};
+
 // Fog hides what is far away; haze is a band below the horizon of an infinite plane.
 struct Medium {
   bool fog, haze;
@@ -151,6 +158,21 @@ struct BoundingSphere {
   float radius;  // negative: empty
 };
 
+// Axis-aligned boxes by center and half extents, camera frame: structure of arrays.
+struct BoundingBoxArray {
+  const float *x, *y, *z, *half_x, *half_y, *half_z;
+};
+
+// A hierarchy over geoms that are not planes: each box of a level is around WIDTH of the level
+// below, and those of level 0 are around single geoms. Padding has half extents below 0.
+struct GeomBvh {
+  static constexpr int LEVELS = 3, WIDTH = 16, MAX_GEOMS = 1 << 16;
+  BoundingBoxArray boxes[LEVELS];
+  const int32_t* geoms;  // by box of level 0
+  int top;               // boxes of the last level; 0: no hierarchy
+  float fine;            // bundles of rays that start so near each other touch few geoms: m
+};
+
 struct Frame {
   const Geom* geoms;
   int geom_count, plane_count;   // planes come first
@@ -158,11 +180,14 @@ struct Frame {
   BoundingSphere
       mirrored_bounds;  // their mirror image in the only plane; radius T_INFINITY: more planes
   BoundingSphereArray bounds;
+  GeomBvh bvh;
   const Mesh* meshes;
   const Surface* surfaces;
   const Texture* textures;
   const Light* lights;
   int light_count;
+  LightReachArray reach;     // of the lights
+  bool cull_lights;          // leave out those that do not reach
   int skybox;                // texture, -1 none
   float camera_to_world[9];  // row-major, camera to world
   Medium medium;

@@ -36,6 +36,8 @@ def check(plan: ScenePlan, features: dict[str, bool], path: bool) -> None:
     assert on["glowing"] == (path and has.glowing > 0)
     assert on["transparent"] == (path and has.transparent > 0)
     assert on["refits"] <= (has.deforming > 0)
+    assert on["hierarchy"] == (sum(has.geoms.values()) - has.planes > 128)
+    assert on["light_reach"] == (has.bounded > 4)
     assert all(decision.why for decision in plan.decisions)
     assert plan.mobility.bodies_moving + plan.mobility.bodies_still > 0
 

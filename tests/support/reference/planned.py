@@ -59,6 +59,15 @@ BUMPS = """<texture name="bumps" type="2d" builtin="checker" rgb1=".9 .5 .6" rgb
   width="8" height="8"/>"""
 CLOTH = """<flexcomp name="cloth" type="grid" count="6 6 1" spacing=".1 .1 .1" radius=".01" dim="2"
   pos=".4 .2 .6" mass="1" rgba=".9 .3 .2 1"><edge equality="true"/></flexcomp>"""
+PEBBLES = "".join(
+    f'<geom type="{("box", "sphere", "capsule")[k % 3]}" size=".03 .02 .04" rgba=".5 .7 .4 1"'
+    f' pos="{k % 12 * 0.12 - 0.7} {k // 12 * 0.12 - 0.4} .03" euler="{7 * k} {11 * k} 0"/>'
+    for k in range(144)
+)
+SPOTS = "".join(
+    f'<light type="spot" pos="{0.3 * k - 1} .1 1.5" dir="0 0 -1" cutoff="15" diffuse=".5 .5 .5"/>'
+    for k in range(7)
+)
 IDEAL = {
     "preset": "ideal", "width": 48, "height": 36, "pos_thres": 0.1, "neg_thres": 0.1
 }  # fmt: skip
@@ -132,6 +141,8 @@ NEEDS = {
     ),
     "glowing": Film({"body": 'emission="1"'}, {**PATH, "bounces": 0}),
     "transparent": Film({"alpha": ".4"}, PATH),
+    "hierarchy": Film({"more": PEBBLES}),
+    "light_reach": Film({"lights": SPOTS}),
     "light_gains": Film({}, {"flicker": (FlickerConfig(hz=60.0),)}),
     "lens": Film(
         {}, {}, {"distortion_model": "plumb_bob", "distortion": (-0.2, 0.0, 0.0, 0.0, 0.0)}

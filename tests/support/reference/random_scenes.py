@@ -144,7 +144,7 @@ def random_size(rng: Random, shape: Shape, decades: float) -> np.ndarray:
 
 
 class RandomStage:
-    """A random scene of at most 24 geoms, its camera, and its film, all from one seed.
+    """A random scene of at most 24 geoms or of many, its camera, and its film, all from one seed.
 
     Args:
         seed: The seed of all random choices.
@@ -154,6 +154,9 @@ class RandomStage:
         rich: Whether there are physical materials, maps, an image light, fog or haze, and light
             that pulses.
         size: Width and height of the picture, px.
+        many: How many geoms there are, smaller ones: some are where another is, of the same size,
+            and only two may be planes.
+        lights: How many lights there are.
     """
 
     def __init__(
@@ -165,9 +168,12 @@ class RandomStage:
         flat: bool = True,
         rich: bool = False,
         size: tuple[int, int] = (41, 30),
+        many: int | None = None,
+        lights: int | None = None,
     ) -> None:
         self.rng = rng = np.random.default_rng(seed)
         count, coloured = int(rng.integers(0, 25)), bool(rng.integers(2))
+        count = many or count
         shapes = [Shape(int(s)) for s in rng.integers(0, len(Shape), count)]
         meshes = tuple(random_mesh(rng, flat) for _ in range(3))
         textures = (
@@ -176,7 +182,8 @@ class RandomStage:
             random_texture(rng, TextureKind.SKYBOX),
         )
         surfaces = tuple(random_surface(rng, 5) for _ in range(6))
-        lights = tuple(random_light(rng, coloured) for _ in range(rng.integers(0, 6)))
+        light_count = int(rng.integers(0, 6)) if lights is None else lights
+        shining = tuple(random_light(rng, coloured) for _ in range(light_count))
         # from a generator of its own, so that the rest of the scene is the same with or without
         more, air = np.random.default_rng([seed, 1]), None
         if rich:
@@ -187,25 +194,27 @@ class RandomStage:
                 Texture(TextureKind.CUBE, more.integers(0, 256, (6, 4, 4, 3), np.uint8), False),
             )
             surfaces = tuple(random_maps(more, surface) for surface in surfaces)
-            lights = tuple(
+            shining = tuple(
                 replace(light, range_m=float(more.choice([0, 2])), softness=float(more.random()))
-                for light in lights
+                for light in shining
             )
             if more.random() < 0.6:
-                lights = (*lights, Light(LightKind.IMAGE, diffuse=(0.5,) * 3, texture=5))
+                shining = (*shining, Light(LightKind.IMAGE, diffuse=(0.5,) * 3, texture=5))
             air = Atmosphere(
                 1.0, 6.0, (0.3, 0.4, 0.5), float(more.choice([0.1, 0.5])), 4.0, (0.9, 0.8, 0.7)
             )
         self.render: dict[str, object] = {"fog": seed % 2 == 0, "flicker": (PULSE,)} if rich else {}
+        sizes = [random_size(rng, shape, decades) for shape in shapes]
+        twins = self._make_small(shapes, sizes) if many else np.arange(count)
         self.scene = scene_of(
             shapes,
-            [random_size(rng, shape, decades) for shape in shapes],
+            sizes,
             mesh=rng.integers(0, 3, count),
             surface=rng.integers(0, 6, count),
             meshes=meshes,
             surfaces=surfaces,
             textures=textures,
-            lights=lights,
+            lights=shining,
             skybox=int(rng.choice([-1, 5])),
             atmosphere=air,
         )
@@ -215,10 +224,10 @@ class RandomStage:
             3.0 if self.orthographic else float(rng.choice([0.3, 1.0, 2.0, 8.0])) / zoom
         )
         self.camera = camera_of(width, height, focal, self.orthographic)
-        self.geom_pos = rng.normal(size=(count, 3)) * 0.8
-        self.geom_mat = np.array([random_turn(rng) for _ in range(count)]).reshape(-1, 9)
-        self.light_pos = rng.normal(size=(len(lights), 3)) * 2 + np.array([0, 0, 2])
-        self.light_dir = rng.normal(size=(len(lights), 3)) - np.array([0, 0, 2])
+        self.geom_pos = (rng.normal(size=(count, 3)) * 0.8)[twins]
+        self.geom_mat = np.array([random_turn(rng) for _ in range(count)]).reshape(-1, 9)[twins]
+        self.light_pos = rng.normal(size=(len(shining), 3)) * 2 + np.array([0, 0, 2])
+        self.light_dir = rng.normal(size=(len(shining), 3)) - np.array([0, 0, 2])
         self.light_dir /= np.linalg.norm(self.light_dir, axis=1, keepdims=True)
         # the camera stands back and looks at the middle
         back = rng.normal(size=3)
@@ -229,6 +238,19 @@ class RandomStage:
             back * float(rng.uniform(0.5, 6)) * zoom,
             np.stack([x, np.cross(back, x), back], 1).reshape(9),
         )
+
+    def _make_small(self, shapes: list[Shape], sizes: list[np.ndarray]) -> np.ndarray:
+        """Shrink many geoms, in place, and return the one in whose place each of them is."""
+        twins = np.arange(len(shapes))
+        for k in range(len(shapes)):
+            if shapes[k] is Shape.PLANE and k > 1:
+                shapes[k] = Shape.SPHERE
+            if shapes[k] is not Shape.PLANE:
+                sizes[k] = sizes[k] * (24 / len(shapes)) ** (1 / 3)
+            if self.rng.random() < 0.2 and k > 2:
+                twins[k] = k - 1
+                shapes[k], sizes[k] = shapes[k - 1], sizes[k - 1]
+        return twins
 
     def snapshot(self, t_us: int = 0) -> SceneSnapshot:
         """Return where everything is now."""

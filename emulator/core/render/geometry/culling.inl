@@ -1,6 +1,7 @@
 // Culling: skip shadow rays and mirror rays that can hit nothing, and lights that are out of range.
 #pragma once
 
+#include "geometry/light_reach.h"
 #include "geometry/ray_cone.inl"
 #include "scene.h"
 
@@ -23,36 +24,49 @@ struct BoundingSpherePacket {
   Float radius;
 };
 
-// Find the spheres that the light may reach: those in its cone and its range. Non-finite spheres
-// count as reached.
-EVS_INLINE Mask light_reaches(const Light& light, const BoundingSpherePacket& spheres) {
-  // only the cone and the range bound a light
-  Mask outside = mask_from_bits(0);
-  bool spot = light.kind == SPOT, ends = light.kind != DIRECTIONAL && light.fade > 0;
-  if (light.kind == IMAGE || !(spot || ends)) return ~outside;
-  Vec w = spheres.center - splat(light.position);
+// Find the lanes whose sphere is outside a light's cone or its range; not those that are not
+// finite.
+EVS_INLINE Mask outside_of_light(Vec position, Vec direction, Float cosine, Float sine, Float fade,
+                                 Vec center, Float radius) {
+  Vec w = center - position;
   Float away = sqrt(dot(w, w));
-  V3 p = light.position;
-  float place = __builtin_fabsf(p.x) + __builtin_fabsf(p.y) + __builtin_fabsf(p.z);
+  Float place = abs(position.x) + abs(position.y) + abs(position.z);
   // slack for the rounding of positions, and of directions over the distance
-  Float slack = spheres.radius * 1.00001f + (away * 1e-5f + place * 1e-6f);
-  // test the cone
-  if (spot) {
-    // 2e-6 covers the rounding of the cosine that is compared with cos_cutoff
-    float cosine = light.cos_cutoff - 2e-6f;
-    cosine = cosine > -1.0f ? cosine : -1.0f;
-    float square = 1.0f - cosine * cosine, sine = __builtin_sqrtf(square > 0 ? square : 0);
-    Float along = dot(w, splat(light.direction));
-    Vec off = w - splat(light.direction) * along;
-    // distance of the centre from the cone's side
-    outside = sqrt(dot(off, off)) * cosine - along * sine > slack;
+  Float slack = radius * 1.00001f + (away * 1e-5f + place * 1e-6f);
+  Float along = dot(w, direction), nearest = away - slack;
+  Vec off = w - direction * along;
+  // compare the distance of the centre from the cone's side, and from the light
+  return (sqrt(dot(off, off)) * cosine - along * sine > slack) |
+         ((nearest > 0.0f) & (nearest * nearest * fade > 1.0001f));
+}
+
+// Find the spheres that the light may reach.
+EVS_INLINE Mask light_reaches(const Light& light, const BoundingSpherePacket& spheres) {
+  LightReach reach = reach_of(light);
+  if (reach.cosine <= -1 && !(reach.fade > 0)) return mask_from_bits(ALL_LANES);
+  return ~outside_of_light(splat(light.position), splat(light.direction), splat(reach.cosine),
+                           splat(reach.sine), splat(reach.fade), spheres.center, spheres.radius);
+}
+
+// Call visit(light) for lights `begin` ... `end` - 1 that may reach a point of a box, in this
+// order. In: bounds(), the box, called only where it is needed.
+template <class Bounds, class Visit>
+EVS_INLINE void visit_lights(const Frame& f, int begin, int end, Bounds bounds, Visit visit) {
+  for (int k = begin; k < end; k += LANES) {
+    unsigned lights = first_lanes(end - k);
+    if (f.cull_lights) {
+      const BoundingBox& box = bounds();
+      RayCone sphere = bounding_sphere(box);
+      const LightReachArray& r = f.reach;
+      Vec position = {load(r.x + k), load(r.y + k), load(r.z + k)};
+      Vec direction = {load(r.direction_x + k), load(r.direction_y + k), load(r.direction_z + k)};
+      Mask outside =
+          outside_of_light(position, direction, load(r.cosine + k), load(r.sine + k),
+                           load(r.fade + k), splat(sphere.center), splat(sphere.radius + box.step));
+      lights &= ~to_bits(outside);
+    }
+    for (; lights; lights &= lights - 1) visit(k + first_lane(lights));
   }
-  // test the range
-  if (ends) {
-    Float nearest = away - slack;
-    outside = outside | ((nearest > 0.0f) & (nearest * nearest * light.fade > 1.0001f));
-  }
-  return ~outside;
 }
 
 // Can a plane occlude a light, given the planes that never do (`non_occluders`)?

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "geometry/bvh_traversal.inl"
-#include "geometry/ray_cone.inl"
+#include "geometry/candidates.inl"
 #include "geometry/shapes.inl"
 #include "scene.h"
 
@@ -12,25 +12,6 @@ namespace {
 EVS_INLINE Vec local_origin(const Geom& g, const Rays& rays) {
   if (rays.common) return splat(g.camera);
   return to_local(g.rotation, rays.origin - splat(g.position));
-}
-
-// Is the cone so wide that it culls little? Then each ray is tested against each bounding sphere.
-EVS_INLINE bool is_wide(const RayCone& cone) {
-  return cone.radius >= T_INFINITY || cone.cosine < 0.95f;
-}
-
-// End of the geoms that the cone may touch. Most cones meet only planes, or nothing.
-EVS_INLINE int candidates_end(const Frame& f, const RayCone& cone) {
-  return f.geom_count <= LANES || cone_may_touch(f.finite_bounds, cone) ? f.geom_count
-                                                                        : f.plane_count;
-}
-
-// Find geoms k ... k+15 before `end` that the cone may touch, one bit each.
-EVS_INLINE unsigned candidates(const Frame& f, int k, int end, const RayCone& cone) {
-  unsigned all = end - k < LANES ? (1u << (end - k)) - 1 : ALL_LANES;
-  // with few geoms, or a cone that bounds everything, culling saves nothing
-  if (end <= 2 || cone.radius >= T_INFINITY) return all;
-  return cone_touches(f.bounds, k, cone) & all;
 }
 
 // Can a ray of `active` touch the bounding sphere of geom `index`? The slack is that of
@@ -45,7 +26,36 @@ EVS_INLINE bool any_ray_near(const Frame& f, int index, const Rays& rays, Mask a
   return any(active & (along >= -reach) & (dot(across, across) <= reach * reach));
 }
 
-// Find the nearest hit of the rays of `active` behind `t_min`.
+// Keep the hits of geom `index` that are nearer.
+EVS_INLINE void intersect_geom(const Frame& f, int index, const Rays& rays, Float t_min, Hit& hit) {
+  // transform the rays to the geom's frame
+  const Geom& g = f.geoms[index];
+  Vec o = local_origin(g, rays), d = to_local(g.rotation, rays.direction);
+  if (g.shape == MESH || g.shape == HFIELD) {
+    Mask nearer = intersect_mesh(f.meshes[g.mesh], mesh_rays(f.meshes[g.mesh], o, d), t_min,
+                                 hit.distance, hit.triangle, hit.u, hit.v);
+    hit.geom = select(nearer, splat(index), hit.geom);
+    return;
+  }
+  Float t = intersect_shape(g, o, d);
+  Mask nearer = (t < hit.distance) & (t > t_min);
+  hit.distance = select(nearer, t, hit.distance);
+  hit.geom = select(nearer, splat(index), hit.geom);
+}
+
+// The rest of `intersect` in a scene of many geoms.
+[[gnu::noinline]] void intersect_many(const Frame& f, const Rays& rays, const RayCone& cone,
+                                      Mask active, Float t_min, Hit& hit) {
+  GeomSet found;
+  find_candidates(f.bvh, rays, cone, active, splat(T_INFINITY), found);
+  found.visit([&](int index) {
+    intersect_geom(f, index, rays, t_min, hit);
+    return false;
+  });
+}
+
+// Find the nearest hit of the rays of `active` behind `t_min`. Geoms are intersected in ascending
+// order, so the first of several hits at one distance is found.
 inline Hit intersect(const Frame& f, const Rays& rays, const RayCone& cone, Mask active,
                      Float t_min) {
   Hit hit = {select(active, splat(T_INFINITY), splat(-1.0f)), splat(-1), splat(0), splat(0.0f),
@@ -55,28 +65,48 @@ inline Hit intersect(const Frame& f, const Rays& rays, const RayCone& cone, Mask
     for (unsigned near = candidates(f, k, end, cone); near; near &= near - 1) {
       int index = k + first_lane(near);
       if (wide && !any_ray_near(f, index, rays, active)) continue;
-      // transform the rays to the geom's frame
-      const Geom& g = f.geoms[index];
-      Vec o = local_origin(g, rays), d = to_local(g.rotation, rays.direction);
-      // keep the nearer hits
-      if (g.shape == MESH || g.shape == HFIELD) {
-        Mask nearer = intersect_mesh(f.meshes[g.mesh], mesh_rays(f.meshes[g.mesh], o, d), t_min,
-                                     hit.distance, hit.triangle, hit.u, hit.v);
-        hit.geom = select(nearer, splat(index), hit.geom);
-        continue;
-      }
-      Float t = intersect_shape(g, o, d);
-      Mask nearer = (t < hit.distance) & (t > t_min);
-      hit.distance = select(nearer, t, hit.distance);
-      hit.geom = select(nearer, splat(index), hit.geom);
+      intersect_geom(f, index, rays, t_min, hit);
     }
+  }
+  if (f.bvh.top > 0 && cone_may_touch(f.finite_bounds, cone)) {
+    intersect_many(f, rays, cone, active, t_min, hit);
   }
   return hit;
 }
 
-// Find the lanes whose ray is occluded before `t_max`. `self`: the geom that the ray starts on; a
-// convex shape cannot shade itself. `non_occluders`: geoms of the first 32 that are known not to
-// occlude, one bit each.
+// Add the lanes of `tested` whose ray geom `index` occludes before `t_max`.
+EVS_INLINE void occlude(const Frame& f, int index, const Rays& rays, Float t_max, Mask tested,
+                        Mask& blocked) {
+  const Geom& g = f.geoms[index];
+  Vec o = local_origin(g, rays), d = to_local(g.rotation, rays.direction);
+  if (g.shape == MESH || g.shape == HFIELD) {
+    blocked =
+        blocked | occluded_mesh(f.meshes[g.mesh], mesh_rays(f.meshes[g.mesh], o, d), t_max, tested);
+  } else {
+    blocked = blocked | (tested & (intersect_shape(g, o, d) < t_max));
+  }
+}
+
+// The lanes that a geom can occlude: a convex shape cannot shade itself.
+EVS_INLINE Mask lanes_to_test(const Frame& f, int index, Int self, Mask left) {
+  int shape = f.geoms[index].shape;
+  return shape == MESH || shape == HFIELD ? left : left & ~(self == splat(index));
+}
+
+// The rest of `occluded` in a scene of many geoms.
+[[gnu::noinline]] void occluded_by_many(const Frame& f, const Rays& rays, const RayCone& cone,
+                                        Mask active, Float t_max, Int self, Mask& blocked) {
+  GeomSet found;
+  find_candidates(f.bvh, rays, cone, active & ~blocked, t_max, found);
+  found.visit([&](int index) {
+    Mask tested = lanes_to_test(f, index, self, active & ~blocked);
+    if (any(tested)) occlude(f, index, rays, t_max, tested, blocked);
+    return !any(active & ~blocked);
+  });
+}
+
+// Find the lanes whose ray is occluded before `t_max`. `self`: the geom that the ray starts on.
+// `non_occluders`: geoms of the first 32 that are known not to occlude, one bit each.
 inline Mask occluded(const Frame& f, Vec origin, Vec direction, Float t_max, Int self,
                      const RayCone& cone, Mask active, unsigned non_occluders) {
   Mask blocked = mask_from_bits(0);
@@ -87,22 +117,16 @@ inline Mask occluded(const Frame& f, Vec origin, Vec direction, Float t_max, Int
     if (k < 32) near &= ~(non_occluders >> k);
     for (; near; near &= near - 1) {
       int index = k + first_lane(near);
-      const Geom& g = f.geoms[index];
       // skip the geom if no lane can hit it
-      bool is_mesh = g.shape == MESH || g.shape == HFIELD;
-      Mask tested = active & ~blocked;
-      if (!is_mesh) tested = tested & ~(self == splat(index));
+      Mask tested = lanes_to_test(f, index, self, active & ~blocked);
       if (!any(tested) || (wide && !any_ray_near(f, index, rays, tested))) continue;
       // intersect the others, until every lane is blocked
-      Vec o = local_origin(g, rays), d = to_local(g.rotation, direction);
-      if (is_mesh) {
-        blocked = blocked |
-                  occluded_mesh(f.meshes[g.mesh], mesh_rays(f.meshes[g.mesh], o, d), t_max, tested);
-      } else {
-        blocked = blocked | (tested & (intersect_shape(g, o, d) < t_max));
-      }
+      occlude(f, index, rays, t_max, tested, blocked);
       if (!any(active & ~blocked)) return blocked;
     }
+  }
+  if (f.bvh.top > 0 && cone_may_touch(f.finite_bounds, cone)) {
+    occluded_by_many(f, rays, cone, active, t_max, self, blocked);
   }
   return blocked;
 }

@@ -7,8 +7,8 @@
 namespace evs::EVS_NAMESPACE {
 namespace {
 
-// Find geoms k ... k+15 whose bounding sphere the cone can touch, one bit each. The test is
-// conservative: its slack covers the rounding of everything computed here.
+// Find spheres k ... k+15 that the cone can touch, one bit each. The test is conservative: its
+// slack covers the rounding of everything computed here.
 EVS_INLINE unsigned cone_touches(const BoundingSphereArray& b, int k, const RayCone& cone) {
   Vec v = {load(b.x + k) - cone.center.x, load(b.y + k) - cone.center.y,
            load(b.z + k) - cone.center.z};

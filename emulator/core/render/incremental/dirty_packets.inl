@@ -108,8 +108,9 @@ inline Mask lighting_changed(const Frame& f, const BoundingSpherePacket& places,
       if (!is_dark(before)) found = found | (lit & light_reaches(before, places));
     }
     if (!light.castshadow || !f.shadows) continue;
-    Mask shaded = touched_by_motion(shadow_cones(light, places), change, lit & ~found);
-    if (any(shaded)) found = found | (shaded & light_reaches(light, places));
+    Mask reached = lit & ~found & light_reaches(light, places);
+    if (!any(reached)) continue;
+    found = found | touched_by_motion(shadow_cones(light, places), change, reached);
   }
   return found;
 }

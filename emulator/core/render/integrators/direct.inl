@@ -64,12 +64,9 @@ void add_lights(const Frame& f, const Rays& rays, const Hit& hit,
                 int begin, int end, Float* out) {
   DiffuseReflectance<CHANNELS> rho = diffuse_reflectance(f, interaction);
   Mask physical = f.lobes ? interaction.physical & lit : mask_from_bits(0);
-  for (int i = begin; i < end; i++) {
+  auto add_light = [&](int i) {
     const Light& light = f.lights[i];
-    if (light.kind == IMAGE) {
-      add_image_light(f, light, rays, interaction, rho, out);
-      continue;
-    }
+    if (light.kind == IMAGE) return add_image_light(f, light, rays, interaction, rho, out);
     // find the lanes that face the light
     Incidence in = incidence(light, interaction.point);
     Float cosine = dot(in.wi, interaction.normal);
@@ -79,7 +76,7 @@ void add_lights(const Frame& f, const Rays& rays, const Hit& hit,
     for (int c = 0; c < CHANNELS; c++) {
       out[c] = out[c] + rho.ambient[c] * in.strength * light.ambient[c];
     }
-    if (!any(facing)) continue;
+    if (!any(facing)) return;
     // trace shadow rays, unless they can hit nothing
     Mask blocked = mask_from_bits(0);
     if (light.castshadow && f.shadows &&
@@ -90,7 +87,7 @@ void add_lights(const Frame& f, const Rays& rays, const Hit& hit,
                    shadow_cone(light, bounds.of(interaction, lit)), facing, light.non_occluders);
     }
     Mask reached = facing & ~blocked;
-    if (!any(reached)) continue;
+    if (!any(reached)) return;
     // diffuse
     Float received = select(reached, cosine * in.strength, splat(0.0f));
     for (int c = 0; c < CHANNELS; c++)
@@ -107,18 +104,21 @@ void add_lights(const Frame& f, const Rays& rays, const Hit& hit,
     Mask glossy = reached & ~physical & (interaction.specular > 0.0f);
     if (!any(glossy) ||
         light.specular[0] + light.specular[CHANNELS / 2] + light.specular[CHANNELS - 1] <= 0)
-      continue;
+      return;
     Vec half = normalize(in.wi - rays.direction);
     Float lobe = min(max(dot(half, interaction.normal), splat(0.0f)), splat(1.0f));
     // skip lanes far from the highlight, where lobe^exponent < exp(-16.7) = 2^-24
     glossy = glossy & ((1.0f - lobe) * interaction.exponent < 16.7f);
-    if (!any(glossy)) continue;
+    if (!any(glossy)) return;
     Float specular = pow(lobe, interaction.exponent, glossy) * interaction.specular * in.strength;
     specular = select(glossy, specular, splat(0.0f));
     for (int c = 0; c < CHANNELS; c++) {
       out[c] = out[c] + specular * interaction.specular_tint[c] * light.specular[c];
     }
-  }
+  };
+  visit_lights(
+      f, begin, end, [&]() -> const BoundingBox& { return bounds.of(interaction, lit); },
+      add_light);
 }
 
 // Compute the radiance that leaves the surface. In: where to cache the shading, or null.

@@ -262,21 +262,27 @@ inline bool direct_lighting(const Frame& f, const PathFrame& p, int bounce, cons
   // sample MuJoCo's lights: all at the first vertex, one at random later
   int count = p.lamp_count;
   if (bounce == 0) {
-    for (int i = 0; i < f.light_count; i++) {
-      if (f.lights[i].kind == IMAGE) continue;
-      Point2 u_point = {zero, zero};
-      if (is_bulb(f.lights[i])) u_point = sample_2d(sampler, first_dimension + DIM_LAMP + 1 + i);
-      add_lamp(f, p, s, rays.direction, interaction, hit.geom, lit, f.lights[i], u_point, one,
-               lamp_clearance, received);
-    }
+    LazyBounds bounds;
+    visit_lights(
+        f, 0, f.light_count, [&]() -> const BoundingBox& { return bounds.of(interaction, lit); },
+        [&](int i) {
+          if (f.lights[i].kind == IMAGE) return;
+          Point2 u_point = {zero, zero};
+          if (is_bulb(f.lights[i]))
+            u_point = sample_2d(sampler, first_dimension + DIM_LAMP + 1 + i);
+          add_lamp(f, p, s, rays.direction, interaction, hit.geom, lit, f.lights[i], u_point, one,
+                   lamp_clearance, received);
+        });
   } else if (count > 0) {
     Float u_lamp = sample_2d(sampler, first_dimension + DIM_LAMP).x * static_cast<float>(count);
     Point2 u_point = sample_2d(sampler, first_dimension + DIM_LAMP + 1);
     Int chosen = truncate(u_lamp);
-    for (int i = 0, lamp = 0; i < f.light_count; i++) {
+    Mask left = lit;
+    for (int i = 0, lamp = 0; i < f.light_count && any(left); i++) {
       if (f.lights[i].kind == IMAGE) continue;
-      Mask here = lit & (chosen == splat(lamp++));
+      Mask here = left & (chosen == splat(lamp++));
       if (!any(here)) continue;
+      left = left & ~here;
       add_lamp(f, p, s, rays.direction, interaction, hit.geom, here, f.lights[i], u_point,
                splat(static_cast<float>(count)), clearance, received);
     }

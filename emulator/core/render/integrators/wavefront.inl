@@ -13,8 +13,6 @@ namespace {
 constexpr int LANE[] = {0,  1,  2,  3,  4,  5,  6,  7,  8,  9,  10, 11, 12, 13, 14, 15,
                         16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31};
 
-EVS_INLINE unsigned first_lanes(int count) { return count < LANES ? (1u << count) - 1 : ALL_LANES; }
-
 constexpr float PATH_CONTINUES =
     -1;  // in place of the indirect light: the path continues beyond its second vertex
 

@@ -5,3 +5,11 @@
 #define EVS_PAIR(name) name##_pair_avx512
 #define EVS_PATHS(name) name##_avx512
 #include "simd/kernel.inl"
+
+namespace evs {
+
+void find_geoms_avx512(const GeomBvh& bvh, const RayCone& cone, GeomSet& found) {
+  avx512::find_geoms(bvh, cone, found);
+}
+
+}  // namespace evs
