@@ -69,6 +69,7 @@ void check_ticks(const How& how) {
   Optics optics = {33, 17, 30, 30, 16.5, 8.5};
   size_t pixels = 33 * 17;
   Tracing tracing = {4, how.adaptive, true, how.incremental, how.rgb, how.path, 3};
+  tracing.forced = as_with_many();
   Caster caster(scene, optics, tracing, 2);
   Stage stage = stage_of(scene, random, 1);
   std::vector<float> light(pixels), rgb(3 * pixels), single(40), gains(scene.lights.size(), 1.0f);

@@ -27,6 +27,9 @@ struct Stage {
 // Every shape, texture and kind of light; lights are coloured unless the tint is 0.5.
 SceneData scene_of_everything(float tint);
 
+// The features of a scene of many geoms and lights.
+ForcedFeatures as_with_many();
+
 // Its geoms at random places within `scale` of the origin.
 Stage stage_of(const SceneData& s, std::mt19937& random, double scale);
 

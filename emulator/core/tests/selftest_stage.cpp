@@ -73,6 +73,10 @@ SceneData scene_of_everything(float tint) {
   return s;
 }
 
+ForcedFeatures as_with_many() {
+  return ForcedFeatures({{"hierarchy", true}, {"light_reach", true}});
+}
+
 Stage stage_of(const SceneData& s, std::mt19937& random, double scale) {
   std::uniform_real_distribution<double> uniform(-1, 1);
   Stage stage;
