@@ -435,6 +435,8 @@ LIGHT_NS, SHADOW_NS = 10.0, 15.0
 """of each light, and of one that casts shadows"""
 GEOM_NS = 0.5
 """of each geom, for the camera rays and for those to each light"""
+SCANNED, HIERARCHY_POWER = 128, 0.68
+"""up to so many geoms; beyond, the cost grows with this power of their number"""
 TRIANGLE_NS = 10.0
 """of meshes, for the same rays: of each level of their search trees"""
 TEXTURE_NS, SKY_NS, MIRROR_NS = 40.0, 60.0, 60.0
@@ -557,7 +559,10 @@ def _packet_ns(has: Contents, casting: int, render: RenderConfig) -> float:
     """ns of a sample of 16 pixels."""
     rays = 1 + casting
     levels = math.log2(1 + has.triangles)
-    met = GEOM_NS * _drawn(has) + TRIANGLE_NS * levels
+    geoms = float(_drawn(has))
+    if geoms > SCANNED:
+        geoms = SCANNED * (geoms / SCANNED) ** HIERARCHY_POWER
+    met = GEOM_NS * geoms + TRIANGLE_NS * levels
     ns = PACKET_NS + LIGHT_NS * sum(has.lights.values()) + SHADOW_NS * casting + met * rays
     ns += TEXTURE_NS * (has.textured > 0) + SKY_NS * has.sky + MIRROR_NS * (has.mirrors > 0)
     if RENDERERS[render.renderer].paths:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
 import pytest
 
 from evs.emulator.camera.scene_plan import Cost
 from evs.emulator.config import CameraConfig, RenderConfig, RunConfig, SceneConfig, SensorConfig
 from evs.emulator.simulation.world import World
+from speed.many import many_geoms
 
 # CPU ms of world, render and sensor in a tick, one thread; the core that the model was fitted on
 RESTS = {
@@ -62,3 +64,14 @@ def test_a_scene_in_motion(
     told = cost(robot_files[robot], renderer, size)
     for model, ms in zip((told.world_ms, told.render_ms, told.sensor_ms), took, strict=True):
         assert ms / told.within < model < ms * told.within
+
+
+@pytest.mark.parametrize(
+    ("count", "renderer", "ms"),
+    [(1000, "direct", 12.9), (4000, "direct", 31.6), (1000, "path", 64.0), (4000, "path", 120.0)],
+)
+def test_a_scene_of_many_geoms(tmp_path: Path, count: int, renderer: str, ms: float) -> None:
+    """What tests/bench/test_light_many_speed.py measures, times 4 samples."""
+    mujoco.mj_saveLastXML(str(tmp_path / "many.xml"), many_geoms(count).model)
+    told = cost(tmp_path / "many.xml", renderer, (346, 260))
+    assert ms / told.within < told.render_ms < ms * told.within
