@@ -14,6 +14,7 @@ BASE_TICK_US = 1000
 
 DIRECT_SPP = (1, 2, 4, 8, 16)
 EDGE_SPP = (4, 16)
+PATH_EDGE_SPP = (16, 64)
 PATH_SPP = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
 NETWORK_SPP = (1, 2, 4, 8, 16, 32, 64)
 TICKS_US = (500, 1000, 2000, 4000)
@@ -129,6 +130,8 @@ def _families(seeds: str, pinned: Mapping[str, Setting]) -> Iterable[list[Candid
     if seeds == "fixed":
         yield every("direct", _with(DIRECT_SPP, own, 64), "fixed", "fixed", "plain")
         yield every("direct", _with(EDGE_SPP, own, 64), "adaptive", "fixed", "plain")
+    if seeds != "fresh":
+        yield every("path", _with(PATH_EDGE_SPP, own), "adaptive", seeds, "plain")
     for model, spp in (("plain", PATH_SPP), ("adaptive", PATH_SPP), ("evsnet", NETWORK_SPP)):
         yield every("path", _with(spp, own), "fixed", seeds, model)
 

@@ -29,8 +29,17 @@ class Effect:
 
 
 EFFECTS = (
-    *("all", "path", "direct samples", "path samples", "edges", "adaptive", "evsnet"),
-    *("adaptive samples", "evsnet samples", "tick", "longer", "path tick", "adaptive tick"),
+    *("all", "path", "direct samples", "path samples", "edges", "path edges"),
+    *(
+        "adaptive",
+        "evsnet",
+        "adaptive samples",
+        "evsnet samples",
+        "tick",
+        "longer",
+        "path tick",
+        "adaptive tick",
+    ),
     "one thread",
 )
 """the sum's terms, in the order of `effects_of`"""
@@ -43,12 +52,14 @@ def effects_of(one: Candidate) -> list[float]:
         for is_it in (one.renderer == "path", one.model == "adaptive", one.model == "evsnet")
     )
     samples, ticks = one.samples, one.ticks
+    edges = float(one.antialiasing == "adaptive")
     return [
         1.0,
         path,
         (1.0 - path) * samples,
         path * samples,
-        float(one.antialiasing == "adaptive"),
+        edges,
+        path * edges,
         adaptive,
         evsnet,
         adaptive * (samples - 2.0),
@@ -67,6 +78,7 @@ COST = {
     "direct samples": Effect(0.6, 0.3),
     "path samples": Effect(0.85, 0.2),
     "edges": Effect(-0.5, 0.5),
+    "path edges": Effect(-0.5, 0.5),
     "adaptive": Effect(0.1, 0.3),
     "evsnet": Effect(0.5, 1.0),
     "adaptive samples": Effect(0.0, 0.05),
@@ -85,6 +97,7 @@ ERROR = {
     "direct samples": Effect(-0.3, 0.3),
     "path samples": Effect(-0.5, 0.25),
     "edges": Effect(0.1, 0.3),
+    "path edges": Effect(0.3, 0.4),
     "adaptive": Effect(-0.1, 0.7),
     "evsnet": Effect(0.3, 1.0),
     "adaptive samples": Effect(0.2, 0.2),
