@@ -464,6 +464,27 @@ EVS_INLINE Float4 gather_float4(const float* base, Int at) {
   __m512 q[4];
   gather_float4_512(base, index, q);
   return {{q[0]}, {q[1]}, {q[2]}, {q[3]}};
+#elif EVS_VECTOR_BITS == 256
+  // in registers: wide loads of what narrow stores have just written would wait for them
+  Float4 out;
+  for (int part = 0; part < PARTS; part++) {
+    const int* in = index + part * PART;
+    auto quad = [&](int i) {
+      __m256 low = _mm256_castps128_ps256(_mm_loadu_ps(base + 2l * in[i]));
+      return _mm256_insertf128_ps(low, _mm_loadu_ps(base + 2l * in[4 + i]), 1);
+    };
+    __m256 q0 = quad(0), q1 = quad(1), q2 = quad(2), q3 = quad(3);
+    // transpose within each 128 bits
+    __m256d low = _mm256_castps_pd(_mm256_unpacklo_ps(q0, q1));
+    __m256d low_next = _mm256_castps_pd(_mm256_unpacklo_ps(q2, q3));
+    __m256d high = _mm256_castps_pd(_mm256_unpackhi_ps(q0, q1));
+    __m256d high_next = _mm256_castps_pd(_mm256_unpackhi_ps(q2, q3));
+    out.first.v[part] = (FloatPart)_mm256_unpacklo_pd(low, low_next);
+    out.second.v[part] = (FloatPart)_mm256_unpackhi_pd(low, low_next);
+    out.third.v[part] = (FloatPart)_mm256_unpacklo_pd(high, high_next);
+    out.fourth.v[part] = (FloatPart)_mm256_unpackhi_pd(high, high_next);
+  }
+  return out;
 #else
   alignas(64) float out[4][LANES];
   _Pragma("GCC unroll 4") for (int i = 0; i < LANES; i += 4) {
