@@ -21,10 +21,12 @@ import pytest
 
 from evs.drivers.bus.address import free_address
 from evs.drivers.run.config import PRESETS
+from evs.emulator import _core
 from speed.turns import Time, spread, target
 from speed.view import Rays, robot
 
 ROUNDS = 5
+WIDE = [isa for isa in ("avx512", "avx2") if isa in _core.isa_available()]
 LISTEN = """
 import sys
 from evs.drivers.bus import subscribe
@@ -84,7 +86,7 @@ def with_fixed_lamp(path: Path, out: Path) -> Path:
     return out
 
 
-def run(row: Row, scene: Path, folder: Path) -> dict[str, float]:
+def run(row: Row, scene: Path, folder: Path, isa: str) -> dict[str, float]:
     """One run in a process of its own. Out: real-time factor, seconds a second, ms a stage."""
     address = free_address()
     path = {"PYTHONPATH": os.pathsep.join(str(Path(e).absolute()) for e in sys.path if e)}
@@ -102,6 +104,7 @@ def run(row: Row, scene: Path, folder: Path) -> dict[str, float]:
         *row.settings,
         "scene.control=random",
         f"scene.file={scene}",
+        f"render.isa={isa}",
         *sensor,
     ]
     words += ["--duration", str(row.seconds), "--record", str(film), "--report", str(report)]
@@ -149,7 +152,10 @@ def test_every_row_is_a_pipeline_that_the_documentation_recommends() -> None:
 
 
 @pytest.mark.bench
-def test_the_headline(robot_files: dict[str, Path], camera_rays: Rays, tmp_path: Path) -> None:
+@pytest.mark.parametrize("isa", WIDE)
+def test_the_headline(
+    robot_files: dict[str, Path], camera_rays: Rays, tmp_path: Path, isa: str
+) -> None:
     if len(os.sched_getaffinity(0)) < 2:
         pytest.skip("needs two cores")
     model = robot_files["dm_control/humanoid"]
@@ -161,11 +167,12 @@ def test_the_headline(robot_files: dict[str, Path], camera_rays: Rays, tmp_path:
     for _ in range(ROUNDS):
         yardstick.append(milliseconds_of_rays(cast))
         for row in rows():
-            found = run(row, fixed if row.fixed_lamp else model, tmp_path)
+            found = run(row, fixed if row.fixed_lamp else model, tmp_path, isa)
             factors[row.name].append(found.pop("real-time factor"))
             stages[row.name].append(found)
     rays = spread(yardstick)
-    print(f"\nyardstick, mj_multiRay of 346x260: {rays} ms; rows: median (quartiles) of {ROUNDS}")
+    print(f"\n{isa}; yardstick, mj_multiRay of 346x260: {rays} ms")
+    print(f"rows: median (quartiles) of {ROUNDS}")
     for row in rows():
         factor = spread(factors[row.name])
         wall = Time(1e3 / factor.median, 1e3 / factor.high, 1e3 / factor.low)

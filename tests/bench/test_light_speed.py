@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from evs.emulator import _core
 from speed.turns import Table, milliseconds, target
-from speed.view import FRAME, PRIMITIVES, SCENES, Rays, robot, share_of_the_same_geoms
+from speed.view import FRAME, PRIMITIVES, SCENES, Rays, View, robot, share_of_the_same_geoms
 
 RAYS, DIRECT = "mj_multiRay, primary rays", "direct"
-TWO, PATH = "direct, 2 threads", "path"
+TWO, PATH, AVX2 = "direct, 2 threads", "path", "direct, AVX2"
+
+
+def narrower(view: View) -> dict[str, Callable[[], np.ndarray]]:
+    """The calls with AVX2, where the processor has it."""
+    if "avx2" not in _core.isa_available():
+        return {}
+    return {
+        AVX2: view.light(1, isa="avx2"),
+        "path, AVX2": view.light(1, renderer="path", isa="avx2"),
+    }
 
 
 @pytest.mark.bench
@@ -29,19 +42,21 @@ def test_direct_beside_mujoco_rays(robot_files: dict[str, Path], camera_rays: Ra
             "adaptive, 16 spp": view.light(1, 16, antialiasing="adaptive"),
             PATH: view.light(1, renderer="path"),
             "path, 4 spp, 2 threads": view.light(2, 4, renderer="path"),
-        })  # fmt: skip
+        } | narrower(view))  # fmt: skip
     humanoid = SCENES[1]
     table = Table(
         f"direct beside MuJoCo's ray casting, {FRAME}; 1 sample a pixel, 1 thread",
         columns,
-        {DIRECT: RAYS},
+        {row: RAYS for row in (DIRECT, AVX2) if row in columns[humanoid]},
     )
     print(table)
     print(target(f"direct, {humanoid}", table.ratio(humanoid, DIRECT), 10, "x"))
+    if AVX2 in columns[humanoid]:
+        print(target(f"{AVX2}, {humanoid}", table.ratio(humanoid, AVX2), 6, "x"))
     table = Table(
         f"direct beside itself, {FRAME}; 1 sample a pixel and 1 thread unless said",
         columns,
-        {row: DIRECT for row in columns[humanoid] if row not in (RAYS, DIRECT)},
+        {row: DIRECT for row in columns[humanoid] if row not in (RAYS, DIRECT, AVX2)},
     )
     print(table)
     print(target(f"2 threads, {humanoid}", table.ratio(humanoid, TWO), 1.8, "x"))
