@@ -374,7 +374,7 @@ def _light(has: Contents, mobility: Mobility, render: RenderConfig, path: bool) 
             if has.planes
             else "there is no plane",
         ),
-        "hierarchy": Why(f"geoms: {geoms}", f"geoms: {geoms}; it needs 129 to 65,536"),
+        "hierarchy": Why(f"geoms: {geoms}", f"geoms: {geoms}; it needs {SCANNED + 1} to 65,536"),
         "light_reach": Why(
             f"lights with a cone or a range: {has.bounded}",
             f"few lights with a cone or a range: {has.bounded}",

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstring>
 
+#include "geometry/light_reach.h"
+
 namespace evs {
 namespace {
 
@@ -104,15 +106,11 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
   frame_.textures = appearance_.textures.data();
   frame_.lights = appearance_.lights.data();
   frame_.light_count = static_cast<int>(appearance_.lights.size());
-  reaches_.emplace(appearance_.lights.size());
-  frame_.reach = reaches_->view();
-  auto bounded = [](const Light& light) {
-    LightReach reach = reach_of(light);
-    return reach.cosine > -1 || reach.fade > 0;
-  };
-  frame_.cull_lights = forced_.decide(
-      LIGHT_REACH,
-      std::count_if(appearance_.lights.begin(), appearance_.lights.end(), bounded) > FEW_LIGHTS);
+  reaches_.resize(appearance_.lights.size());
+  frame_.reach = reaches_.view();
+  auto bounded = std::count_if(appearance_.lights.begin(), appearance_.lights.end(),
+                               [](const Light& light) { return reach_of(light).bounded(); });
+  frame_.cull_lights = forced_.decide(LIGHT_REACH, bounded > FEW_LIGHTS);
   frame_.skybox = appearance_.skybox;
   frame_.channels = appearance_.channels;
   std::copy(appearance_.weights, appearance_.weights + MAX_CHANNELS, frame_.weights);
@@ -273,8 +271,8 @@ void Caster::place_lights(const Poses& p) {
       l.direction = to_float(transposed_times(p.camera_mat, {d[0], d[1], d[2]}));
     }
     l.non_occluders = non_occluding_planes(l);
+    reaches_.set(i, l);
   }
-  reaches_->update(appearance_.lights);
 }
 
 void Caster::set_light_gains(const float* gains) {

@@ -11,7 +11,6 @@
 #include "emitters.h"
 #include "feature_flags.h"
 #include "geometry/geom_bvh.h"
-#include "geometry/light_reach.h"
 #include "incremental/packet_cache.h"
 #include "incremental/path_cache.h"
 #include "integrators/antialiasing.h"
@@ -118,6 +117,13 @@ class Caster {
     BoundingSphereArray view() const;
   };
 
+  struct Reaches {  // structure of arrays behind a LightReachArray
+    std::vector<float> parts[9];
+    void resize(size_t lights);
+    void set(size_t i, const Light& light);
+    LightReachArray view() const;
+  };
+
   void set_paths();
   void place_geoms(const Poses& poses);
   uint32_t non_occluding_planes(const Light& light) const;
@@ -163,7 +169,7 @@ class Caster {
   std::vector<bool> deformed_;              // meshes, since the last render
   Spheres spheres_, moved_;
   std::optional<GeomBvhBuilder> bvh_;
-  std::optional<LightReaches> reaches_;
+  Reaches reaches_;                              // of the lights
   std::vector<BoundingCapsule> moved_capsules_;  // around geoms that moved, before and now
   std::vector<BoundingSphere> moved_spheres_;    // around those; as `moved_`
   BoundingSphere around_moved_ = {{0, 0, 0}, -1};

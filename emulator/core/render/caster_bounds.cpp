@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "caster.h"
+#include "geometry/light_reach.h"
 
 namespace evs {
 namespace {
@@ -36,6 +37,24 @@ void Caster::Spheres::set(int i, const BoundingSphere& s) {
 
 BoundingSphereArray Caster::Spheres::view() const {
   return {x.data(), y.data(), z.data(), radius.data(), static_cast<int>(x.size())};
+}
+
+void Caster::Reaches::resize(size_t lights) {
+  // the widest kernel reads 32 from any light on
+  for (std::vector<float>& part : parts) part.assign(lights + 31, 0.0f);
+}
+
+void Caster::Reaches::set(size_t i, const Light& light) {
+  V3 p = light.position, d = light.direction;
+  LightReach reach = reach_of(light);
+  const float values[9] = {p.x, p.y, p.z, d.x, d.y, d.z, reach.cosine, reach.sine, reach.fade};
+  for (int k = 0; k < 9; k++) parts[k][i] = values[k];
+}
+
+LightReachArray Caster::Reaches::view() const {
+  const std::vector<float>* a = parts;
+  return {a[0].data(), a[1].data(), a[2].data(), a[3].data(), a[4].data(),
+          a[5].data(), a[6].data(), a[7].data(), a[8].data()};
 }
 
 BoundingSphere Caster::bounding_sphere_of(const Geom& g) const {

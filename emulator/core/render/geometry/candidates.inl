@@ -22,7 +22,7 @@ EVS_INLINE int candidates_end(const Frame& f, const RayCone& cone) {
 
 // Find geoms k ... k+15 before `end` that the cone may touch, one bit each.
 EVS_INLINE unsigned candidates(const Frame& f, int k, int end, const RayCone& cone) {
-  unsigned all = end - k < LANES ? (1u << (end - k)) - 1 : ALL_LANES;
+  unsigned all = first_lanes(end - k);
   // with few geoms, or a cone that bounds everything, culling saves nothing
   if (end <= 2 || cone.radius >= T_INFINITY) return all;
   return cone_touches(f.bounds, k, cone) & all;

@@ -43,19 +43,33 @@ EVS_INLINE Mask outside_of_light(Vec position, Vec direction, Float cosine, Floa
 // Find the spheres that the light may reach.
 EVS_INLINE Mask light_reaches(const Light& light, const BoundingSpherePacket& spheres) {
   LightReach reach = reach_of(light);
-  if (reach.cosine <= -1 && !(reach.fade > 0)) return mask_from_bits(ALL_LANES);
+  if (!reach.bounded()) return mask_from_bits(ALL_LANES);
   return ~outside_of_light(splat(light.position), splat(light.direction), splat(reach.cosine),
                            splat(reach.sine), splat(reach.fade), spheres.center, spheres.radius);
 }
 
-// Call visit(light) for lights `begin` ... `end` - 1 that may reach a point of a box, in this
-// order. In: bounds(), the box, called only where it is needed.
-template <class Bounds, class Visit>
-EVS_INLINE void visit_lights(const Frame& f, int begin, int end, Bounds bounds, Visit visit) {
+// The bounding box of the points of an interaction, computed on first use.
+struct LazyBounds {
+  BoundingBox box;
+  bool known = false;
+
+  template <class Interaction>
+  const BoundingBox& of(const Interaction& interaction, Mask lit) {
+    if (!known) box = bounding_box(interaction.spawn_point, interaction.step, lit);
+    known = true;
+    return box;
+  }
+};
+
+// Call visit(light) for lights `begin` ... `end` - 1 that may reach a point of `lit`, in this
+// order. `bounds`: of the interaction's points there.
+template <class Interaction, class Visit>
+EVS_INLINE void visit_lights(const Frame& f, int begin, int end, const Interaction& interaction,
+                             LazyBounds& bounds, Mask lit, Visit visit) {
   for (int k = begin; k < end; k += LANES) {
     unsigned lights = first_lanes(end - k);
     if (f.cull_lights) {
-      const BoundingBox& box = bounds();
+      const BoundingBox& box = bounds.of(interaction, lit);
       RayCone sphere = bounding_sphere(box);
       const LightReachArray& r = f.reach;
       Vec position = {load(r.x + k), load(r.y + k), load(r.z + k)};
@@ -74,19 +88,6 @@ EVS_INLINE bool planes_may_occlude(const Frame& f, uint32_t non_occluders) {
   uint32_t planes = f.plane_count < 32 ? (1u << f.plane_count) - 1 : ~0u;
   return f.plane_count > 32 || (planes & ~non_occluders);
 }
-
-// The bounding box of the points of an interaction, computed on first use.
-struct LazyBounds {
-  BoundingBox box;
-  bool known = false;
-
-  template <class Interaction>
-  const BoundingBox& of(const Interaction& interaction, Mask lit) {
-    if (!known) box = bounding_box(interaction.spawn_point, interaction.step, lit);
-    known = true;
-    return box;
-  }
-};
 
 // Is the mirror image in the only plane, a flat one, empty? A camera ray sees in the mirror what it
 // would hit behind the plane. Grazing rays are never culled.

@@ -9,8 +9,10 @@ namespace evs {
 
 struct GeomSet {
   static constexpr int WORDS = GeomBvh::MAX_GEOMS / 64;
-  uint64_t used[WORDS / 64] = {};  // words that have members
+  uint64_t used[WORDS / 64];  // words that have members
   uint64_t words[WORDS];
+
+  EVS_INLINE GeomSet() : used{} {}
 
   EVS_INLINE void add(int geom) {
     int word = geom / 64;

@@ -1,7 +1,5 @@
-// Where lights can reach, for packets that test many lights at once.
+// Where a light can reach.
 #pragma once
-
-#include <vector>
 
 #include "scene.h"
 #include "simd_target.h"
@@ -12,6 +10,8 @@ namespace evs {
 struct LightReach {
   float cosine, sine;  // -1, 0: everywhere
   float fade;          // 1 / range^2; 0: everywhere
+
+  EVS_INLINE bool bounded() const { return cosine > -1 || fade > 0; }
 };
 
 EVS_INLINE LightReach reach_of(const Light& light) {
@@ -24,16 +24,5 @@ EVS_INLINE LightReach reach_of(const Light& light) {
   float square = 1.0f - cosine * cosine;
   return {cosine, __builtin_sqrtf(square > 0 ? square : 0), fade};
 }
-
-// What a LightReachArray views.
-class LightReaches {
- public:
-  explicit LightReaches(size_t lights);
-  void update(const std::vector<Light>& lights);
-  LightReachArray view() const;
-
- private:
-  std::vector<float> arrays_[9];
-};
 
 }  // namespace evs

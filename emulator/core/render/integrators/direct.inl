@@ -116,9 +116,7 @@ void add_lights(const Frame& f, const Rays& rays, const Hit& hit,
       out[c] = out[c] + specular * interaction.specular_tint[c] * light.specular[c];
     }
   };
-  visit_lights(
-      f, begin, end, [&]() -> const BoundingBox& { return bounds.of(interaction, lit); },
-      add_light);
+  visit_lights(f, begin, end, interaction, bounds, lit, add_light);
 }
 
 // Compute the radiance that leaves the surface. In: where to cache the shading, or null.

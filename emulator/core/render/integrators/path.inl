@@ -263,16 +263,13 @@ inline bool direct_lighting(const Frame& f, const PathFrame& p, int bounce, cons
   int count = p.lamp_count;
   if (bounce == 0) {
     LazyBounds bounds;
-    visit_lights(
-        f, 0, f.light_count, [&]() -> const BoundingBox& { return bounds.of(interaction, lit); },
-        [&](int i) {
-          if (f.lights[i].kind == IMAGE) return;
-          Point2 u_point = {zero, zero};
-          if (is_bulb(f.lights[i]))
-            u_point = sample_2d(sampler, first_dimension + DIM_LAMP + 1 + i);
-          add_lamp(f, p, s, rays.direction, interaction, hit.geom, lit, f.lights[i], u_point, one,
-                   lamp_clearance, received);
-        });
+    visit_lights(f, 0, f.light_count, interaction, bounds, lit, [&](int i) {
+      if (f.lights[i].kind == IMAGE) return;
+      Point2 u_point = {zero, zero};
+      if (is_bulb(f.lights[i])) u_point = sample_2d(sampler, first_dimension + DIM_LAMP + 1 + i);
+      add_lamp(f, p, s, rays.direction, interaction, hit.geom, lit, f.lights[i], u_point, one,
+               lamp_clearance, received);
+    });
   } else if (count > 0) {
     Float u_lamp = sample_2d(sampler, first_dimension + DIM_LAMP).x * static_cast<float>(count);
     Point2 u_point = sample_2d(sampler, first_dimension + DIM_LAMP + 1);
