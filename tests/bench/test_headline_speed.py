@@ -21,12 +21,10 @@ import pytest
 
 from evs.drivers.bus.address import free_address
 from evs.drivers.run.config import PRESETS
-from evs.emulator import _core
 from speed.turns import Time, spread, target
-from speed.view import Rays, robot
+from speed.view import WIDE, Rays, robot
 
 ROUNDS = 5
-WIDE = [isa for isa in ("avx512", "avx2") if isa in _core.isa_available()]
 LISTEN = """
 import sys
 from evs.drivers.bus import subscribe

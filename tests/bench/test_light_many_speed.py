@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import pytest
 
-from evs.emulator import _core
+from evs.emulator.base.features import Switches
 from speed.many import hall, many_geoms
 from speed.turns import Table, Time, milliseconds, target
-from speed.view import FRAME, Rays, View, share_of_the_same_geoms
+from speed.view import FRAME, WIDE, Rays, View, share_of_the_same_geoms
 
-WIDE = [isa for isa in ("avx512", "avx2") if isa in _core.isa_available()]
 RAYS = "mj_multiRay, primary rays"
 GEOMS = (10, 100, 1000, 4000)
+SCAN = Switches(off=frozenset({"hierarchy", "light_reach"}))
 
 
 def times_of(view: View, camera_rays: Rays) -> dict[str, Time]:
     assert share_of_the_same_geoms(view, camera_rays) > 0.995
     return milliseconds(
-        {RAYS: view.multi_ray(camera_rays)}
+        {
+            RAYS: view.multi_ray(camera_rays),
+            "direct, a scan of all": view.light(1, switches=SCAN),
+            "path, a scan of all": view.light(1, switches=SCAN, renderer="path"),
+            "direct, no shadows": view.light(1, shadows=False),  # type: ignore[arg-type]
+        }
         | {f"direct, {isa}": view.light(1, isa=isa) for isa in WIDE}
         | {f"path, {isa}": view.light(1, renderer="path", isa=isa) for isa in WIDE},
         rounds=7,
@@ -31,7 +36,7 @@ def show(title: str, columns: dict[str, dict[str, Time]], bounds: dict[str, floa
     print(
         Table(f"{title}, {FRAME}; 1 sample a pixel, 1 thread", columns, dict.fromkeys(rows, RAYS))
     )
-    for row in rows:
+    for row in (f"{light}, {isa}" for light in ("direct", "path") for isa in WIDE):
         for column, bound in bounds.items():
             factor = columns[column][row].median / columns[first][row].median
             print(target(f"{row}: {column}, against {first},", factor, bound, "times"))

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.emulator import _core
 from speed.turns import Table, milliseconds, target
-from speed.view import FRAME, PRIMITIVES, SCENES, Rays, View, robot, share_of_the_same_geoms
+from speed.view import FRAME, PRIMITIVES, SCENES, WIDE, Rays, View, robot, share_of_the_same_geoms
 
 RAYS, DIRECT = "mj_multiRay, primary rays", "direct"
 TWO, PATH, AVX2 = "direct, 2 threads", "path", "direct, AVX2"
@@ -18,7 +17,7 @@ TWO, PATH, AVX2 = "direct, 2 threads", "path", "direct, AVX2"
 
 def narrower(view: View) -> dict[str, Callable[[], np.ndarray]]:
     """The calls with AVX2, where the processor has it."""
-    if "avx2" not in _core.isa_available():
+    if "avx2" not in WIDE:
         return {}
     return {
         AVX2: view.light(1, isa="avx2"),

@@ -9,12 +9,16 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from evs.emulator import _core
+from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.scene import CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer, make_renderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 WIDTH, HEIGHT = 346, 260
+WIDE = [isa for isa in ("avx512", "avx2") if isa in _core.isa_available()]
+"""The wide instruction sets of this machine: a table has each of them."""
 FRAME = f"{WIDTH}x{HEIGHT}, full frame with shadows"
 SCENES = [
     "gymnasium/humanoid",
@@ -41,10 +45,12 @@ class View:
     camera: CameraModel
     pose: CameraPose
 
-    def light(self, threads: int, spp: int = 1, **render: str) -> Callable[[], np.ndarray]:
+    def light(
+        self, threads: int, spp: int = 1, switches: Switches = UNFORCED, **render: str
+    ) -> Callable[[], np.ndarray]:
         """A call that traces the full frame."""
         config = RenderConfig(spp=spp, incremental=False, sites=False, **render)  # type: ignore[arg-type]
-        renderer = make_renderer(self.content, self.camera, config, threads)
+        renderer = make_renderer(self.content, self.camera, config, threads, switches=switches)
         return lambda: renderer.render(self.shot, self.pose)
 
     def multi_ray(self, camera_rays: Rays) -> Callable[[], np.ndarray]:
