@@ -36,7 +36,7 @@ class Tracing:
             shadows: Whether lights cast shadows.
             incremental: With a still camera, reuse what nothing that moved can affect.
             rgb: Whether `render` can output colour.
-            integrator: direct or path.
+            integrator: direct, hybrid or path.
             bounces: The largest number of bounces of a path.
             sample_set: The sampler of path: sobol, owen, global, random or anchored.
             block, blocks: Which block of a point set the samples of path are, of how many.
@@ -236,6 +236,27 @@ class Caster:
     @property
     def features(self) -> dict[str, bool]:
         """The active features by name, as of the last tick where that decides."""
+
+    def restart(self) -> None:
+        """Forget what earlier ticks left in the light of hybrid."""
+
+    def save_irradiance(self) -> tuple[int, int, Annotated[NDArray[numpy.int32], dict(shape=(None, None), order='C')], Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C')]]:
+        """
+        Copy the irradiance cache of hybrid.
+
+        Returns:
+            Ticks since the start; by how many levels the lattice is coarser than asked;
+            (n, 8) int32, each node's key and flags; (n, 27) float32, its
+            place and light.
+        """
+
+    def restore_irradiance(self, tick: int, coarser: int, numbers: Annotated[NDArray[numpy.int32], dict(shape=(None, 8), order='C', device='cpu', writable=False)], light: Annotated[NDArray[numpy.float32], dict(shape=(None, 27), order='C', device='cpu', writable=False)]) -> bool:
+        """
+        Take back what save_irradiance gave.
+
+        Returns:
+            Whether it is valid; if not, nothing changes.
+        """
 
     @property
     def work(self) -> dict[str, int]:

@@ -45,6 +45,12 @@ FEATURES = (
         "paths ask each layer how much it lets pass",
         "what is nearest and whether anything is there are told apart by a rounding",
     ),
+    Feature(
+        "cached_light",
+        "render",
+        "diffuse light of sky and bounces kept on surfaces",
+        "it is another renderer: render.renderer=hybrid",
+    ),
     Feature("hierarchy", "render", "a search tree over many geoms"),
     Feature("light_reach", "render", "lights are left out where they cannot reach"),
     Feature("light_gains", "render", "a strength of each light in each tick"),

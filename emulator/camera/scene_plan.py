@@ -124,7 +124,7 @@ def _view(bound: BoundCamera, plan: CameraPlan) -> dict[str, Any]:
         "antialiasing": render.antialiasing,
         "model": plan.model.name,
     }
-    if RENDERERS[render.renderer].paths:
+    if RENDERERS[render.renderer].bounces:
         view["bounces"] = render.bounces
     if render.seeds == "cycle":
         view["cycle_ticks"] = render.cycle_ticks
@@ -304,20 +304,20 @@ def reasons(
     model: ModelConfig,
 ) -> dict[str, Why]:
     """Name of each code path -> why it is on, or off, from what the scene contains."""
-    path = RENDERERS[render.renderer].paths
     return {
-        **_surfaces(has, path),
+        **_surfaces(has, render),
         **_air(has, render),
-        **_light(has, mobility, render, path),
+        **_light(has, mobility, render),
         **_sensor(sensor),
         **_beside(sensor, model),
     }
 
 
-def _surfaces(has: Contents, path: bool) -> dict[str, Why]:
-    of_paths = "only renderer path has it"
+def _surfaces(has: Contents, render: RenderConfig) -> dict[str, Why]:
+    path = RENDERERS[render.renderer].bounces
+    of_paths = "only renderers hybrid and path have it"
     lobes = (
-        "paths see every gloss as a GGX lobe"
+        f"{render.renderer} sees every gloss as a GGX lobe"
         if path
         else f"materials that ask for it: {has.physical}"
     )
@@ -351,17 +351,20 @@ def _air(has: Contents, render: RenderConfig) -> dict[str, Why]:
     }
 
 
-def _light(has: Contents, mobility: Mobility, render: RenderConfig, path: bool) -> dict[str, Why]:
+def _light(has: Contents, mobility: Mobility, render: RenderConfig) -> dict[str, Why]:
+    row = RENDERERS[render.renderer]
     coloured = ", ".join(has.coloured[:3])
     geoms = sum(has.geoms.values())
     bent = "camera.distortion_model"
-    retrace = "render.incremental=false" if RENDERERS[render.renderer].traced else "OpenGL draws it"
-    kept = f"{'samples' if path else 'pixels'} that nothing that moved can touch are kept"
-    if mobility.camera_moves:
+    retrace = "render.incremental=false" if row.traced else "OpenGL draws it"
+    kept = f"{'samples' if row.paths else 'pixels'} that nothing that moved can touch are kept"
+    if row.caches_light:
+        kept = "while nothing moves, nothing is traced"
+    elif mobility.camera_moves:
         kept += f", while the camera rests ({mobility.camera_moves})"
     return {
         "colour": Why(
-            "light goes from surface to surface" if path else f"lights not grey: {coloured}",
+            "light goes from surface to surface" if row.paths else f"lights not grey: {coloured}",
             "every light is grey: luminance is enough",
         ),
         "shadows": Why(
@@ -378,6 +381,10 @@ def _light(has: Contents, mobility: Mobility, render: RenderConfig, path: bool) 
         "light_reach": Why(
             f"lights with a cone or a range: {has.bounded}",
             f"few lights with a cone or a range: {has.bounded}",
+        ),
+        "cached_light": Why(
+            "up to 96 ticks old; gloss reflects what a diffuse surface would; lamps are points",
+            "only renderer hybrid has it",
         ),
         "light_gains": Why("[[render.flicker]]", "no light flickers"),
         "lens": Why(bent, f"{bent}=none: a pinhole"),
@@ -446,6 +453,8 @@ POINT_NS, SKY_POINT_NS = 100.0, 230.0
 """of a point of a path, and more of it where a sky is aimed at"""
 RASTER_GEOM_MS, RASTER_NS = 0.7, 90.0
 """by OpenGL in software: of a geom, and of a sample of a pixel; on a GPU a tenth of it"""
+CACHED_NS = 300.0
+"""of a packet of `hybrid`: its light from the cache, and its part of what keeps that up to date"""
 RENDER_US, REST_NS = 12.0, 6.5
 """of a picture; of a packet of one in which nothing moves"""
 SENSOR_US, PIXEL_NS, STILL_NS = 15.0, 1.9, 0.8
@@ -521,8 +530,8 @@ def estimate(
         geoms_ns = 1e6 * RASTER_GEOM_MS * _drawn(has)
         render_ns = geoms_ns + RASTER_NS * pixels * render.samples
     moves = bool(mobility.camera_moves) or features.get("full_retrace", True)
-    rest_ns = 0.0 if renderer.paths else REST_NS
-    render_ns += 1e3 * RENDER_US
+    rest_ns = 0.0 if renderer.bounces else REST_NS
+    render_ns += 1e3 * RENDER_US + packets * CACHED_NS * renderer.caches_light
     still_ns = 1e3 * RENDER_US + packets * rest_ns
     if moves or render.seeds == "fresh":
         still_ns = render_ns

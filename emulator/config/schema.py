@@ -106,13 +106,14 @@ class RenderConfig:
     """[render]: how light reaches the pixels."""
 
     renderer: str = "direct"
-    """direct: direct light with hard shadows, no noise | path: path tracing with soft shadows |
-    raster: OpenGL"""
+    """direct: direct light with hard shadows, no noise | hybrid: soft light without noise; sky and
+    bounces are cached on surfaces | path: path tracing with soft shadows | raster: OpenGL"""
     spp: int | None = None
-    """samples per pixel; direct, raster: 1 ... 64, default 4; path: 1 ... 4096, default 16"""
+    """samples per pixel; direct, hybrid, raster: 1 ... 64, default 4; path: 1 ... 4096, default
+    16"""
     antialiasing: str = "fixed"
-    """fixed: every pixel takes all samples | adaptive: only pixels at an edge of the light (direct)
-    or of a geom (path) take all, the others one (direct) or a quarter (path)"""
+    """fixed: every pixel takes all samples | adaptive: only pixels at an edge of the light (direct,
+    hybrid) or of a geom (path) take all, the others one (direct, hybrid) or a quarter (path)"""
     seeds: str = "fixed"
     """fixed: a pixel takes the same samples every tick, so constant light gives no events |
     fresh: new samples every tick, as in the paper | cycle: a cycle of sets of samples, one per
@@ -121,7 +122,7 @@ class RenderConfig:
     """cycle: ticks in a cycle, 2 ... 16; light has this many times the samples of a tick, and is
     (cycle_ticks - 1) / 2 ticks late"""
     bounces: int = 2
-    """path: the most bounces between surfaces: 0 ... 64"""
+    """hybrid, path: the most bounces between surfaces: 0 ... 64"""
     sampler: str = "owen"
     """path: the sample pattern: owen | sobol | global | random (docs/explanation/light.md) |
     anchored: as owen, but the noise moves with the visible surface (for studies)"""

@@ -24,7 +24,11 @@ class RendererRow:
     """what its constructor takes after scene, camera and configuration: of threads, rgb, seed,
     switches and like (make_renderer explains them)"""
     paths: bool = False
-    """follows light from surface to surface: it has bounces, and noise"""
+    """follows paths of light from every pixel: it has noise"""
+    bounces: bool = False
+    """light goes from surface to surface"""
+    caches_light: bool = False
+    """keeps light on surfaces from tick to tick"""
     adaptive: bool = False
     """can take more samples at edges only"""
     traced: bool = True
@@ -44,6 +48,15 @@ RENDERERS = {
         options=("threads", "rgb", "switches", "like"),
         adaptive=True,
     ),
+    "hybrid": RendererRow(
+        "evs.emulator.render.hybrid:HybridRenderer",
+        default_spp=4,
+        max_spp=64,
+        options=("threads", "rgb", "seed", "switches", "like"),
+        bounces=True,
+        caches_light=True,
+        adaptive=True,
+    ),
     "path": RendererRow(
         "evs.emulator.render.path:PathRenderer",
         default_spp=16,
@@ -51,6 +64,7 @@ RENDERERS = {
         seeds=("fixed", "fresh", "cycle"),
         options=("threads", "rgb", "seed", "switches", "like"),
         paths=True,
+        bounces=True,
         adaptive=True,
     ),
     "raster": RendererRow(

@@ -122,6 +122,7 @@ def lights(settings: EvaluationSettings) -> Iterator[LightSpec]:
         for spp in settings.spp:
             yield LightSpec("path", spp, seeds)
     yield LightSpec("direct", DIRECT_SPP)
+    yield LightSpec("hybrid", DIRECT_SPP)
 
 
 def work(settings: EvaluationSettings, latency: int) -> int:

@@ -7,12 +7,15 @@
 #include <nanobind/stl/map.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <memory>
 #include <optional>
+#include <tuple>
 
 #include "bound_caster.h"
 #include "gil.h"
@@ -59,21 +62,14 @@ Tracing* make_tracing(int samples, bool adaptive, bool shadows, bool incremental
                       const std::string& integrator, int bounces, const std::string& sample_set,
                       int block, int blocks, const FeatureFlags& forced) {
   require(samples >= 1 && samples <= 4096, "samples: 1 ... 4096");
-  require(integrator == "direct" || integrator == "path", "the integrator is direct or path");
-  bool path = integrator == "path";
+  bool path = integrator == "path", hybrid = integrator == "hybrid";
+  require(path || hybrid || integrator == "direct", "the integrator is direct, hybrid or path");
   require(bounces >= 0 && bounces <= 1000, "bounces: 0 ... 1000");
   require(blocks >= 1 && blocks <= 64 && block >= 0 && block < blocks, "blocks: 1 ... 64");
-  return new Tracing{samples,
-                     adaptive,
-                     shadows,
-                     incremental,
-                     rgb,
-                     path,
-                     bounces,
-                     sample_set_of(sample_set),
-                     block,
-                     blocks,
-                     ForcedFeatures(forced)};
+  return new Tracing{samples,     adaptive, shadows,
+                     incremental, rgb,      path,
+                     hybrid,      bounces,  sample_set_of(sample_set),
+                     block,       blocks,   ForcedFeatures(forced)};
 }
 
 void set_geoms(SceneData& s, In<int32_t, N> type, In<float, N, 3> size, In<int32_t, N> mesh,
@@ -280,6 +276,7 @@ void trace_pixels(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> ge
                   In<double, N, 3> light_pos, In<double, N, 3> light_dir, In<double, 3> camera_pos,
                   In<double, 9> camera_mat, In<int32_t, N> x, In<int32_t, N> y,
                   Out<float, N> luminance, int seed) {
+  require(!b.caster.irradiance(), "single pixels of hybrid are those of render");
   Poses poses = checked_poses(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
   size_t count = x.shape(0);
   require(y.shape(0) == count && luminance.shape(0) == count,
@@ -309,9 +306,41 @@ void cycle_light(In<float, N, N, N> planes, In<float, N, N> before, int newest,
                 light.data());
 }
 
+using Numbers = nb::ndarray<nb::numpy, int32_t, nb::ndim<2>, nb::c_contig>;
+using Light = nb::ndarray<nb::numpy, float, nb::ndim<2>, nb::c_contig>;
+
+// The irradiance cache: tick, coarser levels, numbers and light of the nodes.
+std::tuple<long, int, Numbers, Light> save_irradiance(const BoundCaster& b) {
+  const IrradianceCache* cache = b.caster.irradiance();
+  require(cache, "only hybrid has an irradiance cache");
+  size_t n = static_cast<size_t>(cache->size());
+  constexpr size_t INTS = IrradianceCache::STATE_INTS, FLOATS = IrradianceCache::STATE_FLOATS;
+  auto ints = std::make_unique<int32_t[]>(n * INTS + 1);
+  auto floats = std::make_unique<float[]>(n * FLOATS + 1);
+  cache->save(ints.get(), floats.get());
+  nb::capsule own_ints(ints.get(), [](void* p) noexcept { delete[] static_cast<int32_t*>(p); });
+  nb::capsule own_floats(floats.get(), [](void* p) noexcept { delete[] static_cast<float*>(p); });
+  return {cache->tick(), cache->coarser(), Numbers(ints.release(), {n, INTS}, own_ints),
+          Light(floats.release(), {n, FLOATS}, own_floats)};
+}
+
+bool restore_irradiance(BoundCaster& b, long tick, int coarser,
+                        In<int32_t, N, IrradianceCache::STATE_INTS> numbers,
+                        In<float, N, IrradianceCache::STATE_FLOATS> light) {
+  require(b.caster.irradiance(), "only hybrid has an irradiance cache");
+  require(numbers.shape(0) == light.shape(0) && light.shape(0) < (1u << 28),
+          "numbers and light of as many nodes");
+  return b.caster.restore_irradiance(tick, coarser, static_cast<int>(light.shape(0)),
+                                     numbers.data(), light.data());
+}
+
 std::map<std::string, long> work_of(const BoundCaster& b) {
   const WorkCounters& w = b.caster.work();
-  return {{"ticks", w.ticks},
+  const IrradianceCache* cache = b.caster.irradiance();
+  return {{"cache_nodes", cache ? cache->size() : 0},
+          {"cache_paths", cache ? cache->paths() : 0},
+          {"cache_bytes", cache ? static_cast<long>(cache->bytes()) : 0},
+          {"ticks", w.ticks},
           {"packets_asked", w.packets_tested},
           {"packets_traced", w.packets_traced},
           {"packets_relit", w.packets_relit},
@@ -349,7 +378,7 @@ void bind_caster(nb::module_& m) {
            "    shadows: Whether lights cast shadows.\n"
            "    incremental: With a still camera, reuse what nothing that moved can affect.\n"
            "    rgb: Whether `render` can output colour.\n"
-           "    integrator: direct or path.\n"
+           "    integrator: direct, hybrid or path.\n"
            "    bounces: The largest number of bounces of a path.\n"
            "    sample_set: The sampler of path: sobol, owen, global, random or anchored.\n"
            "    block, blocks: Which block of a point set the samples of path are, of how many.\n"
@@ -506,6 +535,22 @@ void bind_caster(nb::module_& m) {
       .def_prop_ro(
           "features", [](const BoundCaster& b) { return b.caster.features(); },
           "The active features by name, as of the last tick where that decides.")
+      .def(
+          "restart", [](BoundCaster& b) { b.caster.restart(); },
+          "Forget what earlier ticks left in the light of hybrid.")
+      .def("save_irradiance", &save_irradiance,
+           "Copy the irradiance cache of hybrid.\n"
+           "\n"
+           "Returns:\n"
+           "    Ticks since the start; by how many levels the lattice is coarser than asked;\n"
+           "    (n, 8) int32, each node's key and flags; (n, 27) float32, its\n"
+           "    place and light.")
+      .def("restore_irradiance", &restore_irradiance, nb::arg("tick"), nb::arg("coarser"),
+           nb::arg("numbers"), nb::arg("light"),
+           "Take back what save_irradiance gave.\n"
+           "\n"
+           "Returns:\n"
+           "    Whether it is valid; if not, nothing changes.")
       .def_prop_ro("work", &work_of,
                    "The work done so far: ticks; packets of 4 x 4 pixels that were tested against\n"
                    "moving geoms, traced and relit; BVHs that were built and refitted.");

@@ -15,6 +15,7 @@
 #include "incremental/path_cache.h"
 #include "integrators/antialiasing.h"
 #include "integrators/edge_sampling.h"
+#include "irradiance/irradiance_cache.h"
 #include "optics.h"
 #include "scene.h"
 #include "scene_data.h"
@@ -35,8 +36,9 @@ struct Tracing {
   bool shadows = true;       // direct
   bool incremental = false;  // under a still camera reuse what nothing that moved can affect
   bool rgb = false;          // `render` can output colour
-  bool path = false;         // else: direct
-  int bounces = 0;           // of paths
+  bool path = false;
+  bool hybrid = false;  // neither: direct
+  int bounces = 0;      // of paths
   SampleSet sample_set = SAMPLES_OWEN;
   int block = 0, blocks = 1;   // the samples of paths are a block of a point set with so many
   ForcedFeatures forced = {};  // features forced on or off, whatever the scene needs
@@ -89,6 +91,15 @@ class Caster {
     return mesh_data_.at(index);
   }
 
+  // The irradiance cache of `hybrid`; or null.
+  const IrradianceCache* irradiance() const { return irradiance_ ? &*irradiance_ : nullptr; }
+  // Take back what IrradianceCache::save gave. Returns false, and changes nothing, where it is
+  // damaged.
+  bool restore_irradiance(long tick, int coarser, int nodes, const int32_t* ints,
+                          const float* floats);
+  // Forget what earlier ticks left in the light.
+  void restart();
+
   // For the tests of the samplers: the kernel and its inputs, with everything placed. Paths only.
   struct KernelInputs {
     const Kernel& kernel;
@@ -135,6 +146,11 @@ class Caster {
   void trace_paths(bool first, bool same, bool same_lamps, const Outputs& out);
   long trace_pass(const Frame& f, const PathFrame& p, PathCache* cache, PathCache::Plan plan,
                   const uint32_t* marked, const Outputs& out);
+  void set_hybrid(const Optics& optics, int bounces, const SceneData& scene, bool rgb);
+  void place_hybrid();
+  void trace_hybrid(bool same, const Outputs& out);
+  bool hybrid_passes(const IrradianceCache::Tracer& tracer, const Outputs& out);
+  bool same_scene() const;
   bool same_images() const;
   uint32_t steady_lights() const;
   void trace_direct(bool still, bool selective, const Outputs& out);
@@ -149,10 +165,18 @@ class Caster {
   WorkCounters work_;
   std::vector<std::shared_ptr<SceneData::MeshData>> mesh_data_;
   Appearance appearance_;
-  std::optional<Emitters> emitters_;   // paths only
-  std::optional<EdgeSampling> edges_;  // paths only; none: all samples everywhere
-  // incremental paths only: of all pixels, and of the other samples of those at an edge
+  std::optional<Emitters> emitters_;   // path, hybrid
+  std::optional<EdgeSampling> edges_;  // path only; none: all samples everywhere
+  // incremental `path` only: of all pixels, and of the other samples of those at an edge
   std::optional<PathCache> path_cache_, edge_cache_;
+  std::optional<IrradianceCache> irradiance_;  // of `hybrid`
+  // of `hybrid`, where lights are grey: the appearance for nodes, and that for pixels
+  std::optional<Appearance> colours_, luminance_;
+  std::vector<Light> node_lights_;
+  std::vector<float> tint_;
+  std::vector<LampPoint> lamp_points_;
+  std::vector<uint8_t> incomplete_;  // packets that missed nodes
+  long rest_ticks_ = 0;              // of `hybrid`: ticks without a change
   PathFrame paths_ = {};
   std::unique_ptr<PathBatch[]> batches_;  // one per worker
   int previous_seed_ = 0;
@@ -178,6 +202,7 @@ class Caster {
   bool recorded_ = false;                    // in the last tick
   std::vector<double> camera_;  // previous pose, 12 numbers; empty before the first call
   Frame frame_ = {};
+  Frame colour_frame_ = {};                   // of `hybrid`: for the nodes of the cache
   std::optional<Antialiasing> antialiasing_;  // none: all samples everywhere
   double traced_fraction_ = 1;
 };

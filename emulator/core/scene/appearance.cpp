@@ -310,4 +310,52 @@ Appearance make_appearance(const SceneData& scene, bool rgb, bool mixing, bool g
   return appearance;
 }
 
+namespace {
+
+// Of luminance, red, green, blue and the luminance `untextured`, keep the first and the last, or
+// all but the first.
+void select(const float* all, bool colours, float* out) {
+  float kept[4] = {all[0], all[4], 0, 0};
+  if (colours) std::copy(all + 1, all + 5, kept);
+  std::copy(kept, kept + 4, out);
+}
+
+}  // namespace
+
+void select_channels(const Light& all, bool colours, Light& out) {
+  out = all;
+  select(all.ambient, colours, out.ambient);
+  select(all.diffuse, colours, out.diffuse);
+  select(all.specular, colours, out.specular);
+}
+
+Appearance select_channels(const Appearance& all, bool colours) {
+  Appearance out = all;
+  out.channels = colours ? 3 : 1;
+  if (colours) std::copy(WEIGHTS, WEIGHTS + 3, out.weights);
+  for (size_t i = 0; i < all.lights.size(); i++)
+    select_channels(all.lights[i], colours, out.lights[i]);
+  for (Surface& s : out.surfaces) select(s.albedo, colours, s.albedo);
+  select(all.medium.fog_color, colours, out.medium.fog_color);
+  select(all.medium.haze_color, colours, out.medium.haze_color);
+  for (const Appearance::Baked& baked : all.baked) {
+    if (baked.key[0] < 0) continue;  // numbers and normals
+    Texture& t = out.textures[baked.index];
+    t.channels = out.channels;
+    if (colours) t.texels += 2 * static_cast<long>(t.channel_stride);
+  }
+  return out;
+}
+
+void mean_colour(const Surface& surface, const Appearance& appearance, float* rgb) {
+  std::copy(surface.albedo, surface.albedo + 3, rgb);
+  if (surface.texture < 0) return;
+  const Texture& t = appearance.textures[surface.texture];
+  for (int c = 0; c < 3; c++) {
+    rgb[c] = 0;  // the last level is one texel
+    for (int face = 0; face < t.faces; face++)
+      rgb[c] += t.texels[t.at(c, t.levels - 1, face, 1, 1)] / static_cast<float>(t.faces);
+  }
+}
+
 }  // namespace evs

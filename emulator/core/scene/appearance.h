@@ -42,4 +42,12 @@ struct Appearance {
 Appearance make_appearance(const SceneData& scene, bool rgb, bool mixing, bool grey = false,
                            const Appearance* before = nullptr);
 
+// Some channels of an appearance that has four: its luminance alone, or its colours. It shares the
+// texels.
+Appearance select_channels(const Appearance& all, bool colours);
+void select_channels(const Light& all, bool colours, Light& out);
+
+// Mean colour of a surface.
+void mean_colour(const Surface& surface, const Appearance& appearance, float* rgb);
+
 }  // namespace evs

@@ -305,6 +305,10 @@ struct Truth {
 struct PathCacheView;
 struct PathBatch;
 struct PathFrame;
+struct IrradianceView;  // irradiance.h
+struct LampPoint;
+struct NodeArray;
+struct NodeRequests;
 struct ProbeLanes;
 struct ProbeSurface;  // path_scene.h
 
@@ -352,6 +356,25 @@ struct Kernel {
   // number of samples traced.
   long (*update_cached_paths)(const Frame&, const PathFrame&, PathBatch&, const PathCacheView&,
                               int begin, int end, const Outputs&);
+  // `trace` and `refine` for `hybrid`, with the light of the irradiance cache. Missing nodes are
+  // requested; the packet must then be traced again.
+  void (*trace_hybrid)(const Frame&, const PathFrame&, const IrradianceView&, NodeRequests&,
+                       int column, int row, const Outputs&);
+  // The same for `column`, which is even, and `column` + 1 at once; or null.
+  void (*trace_hybrid_pair)(const Frame&, const PathFrame&, const IrradianceView&, NodeRequests&,
+                            int column, int row, const Outputs&);
+  void (*refine_hybrid)(const Frame&, const PathFrame&, const IrradianceView&, NodeRequests&,
+                        int column, int row, unsigned pixels, float* luminance, float* rgb);
+  // Spread LAMP_POINTS points over an emitter. In: LAMP_POINTS pairs of numbers, evenly spread.
+  void (*lamp_points)(const Frame&, const PathFrame&, int emitter, const float* x, const float* y,
+                      LampPoint*);
+  // Place nodes begin ... end - 1, which lie on one geom, a mesh.
+  void (*place_mesh_nodes)(const Frame&, const NodeArray&, int begin, int end);
+  // Move nodes that the hits that asked for them do not see to these hits.
+  void (*move_hidden_nodes)(const Frame&, const NodeArray&);
+  // Sum the light of samples first ... first + count - 1 of each node. Out: (nodes, 3).
+  void (*light_nodes)(const Frame&, const PathFrame&, PathBatch&, const NodeArray&, int first,
+                      int count, float* sums);
   // For tests, the path integrator's samplers, 16 draws at once: see probe.inl.
   void (*probe_sampler)(int mode, int seed, int log2_samples, int block, int log2_blocks, int index,
                         int dimension, const int* pixel, float* x, float* y);
@@ -364,6 +387,8 @@ struct Kernel {
 
 extern const Kernel KERNEL_PORTABLE, KERNEL_AVX2, KERNEL_AVX512;
 // Entry points in 32 lanes.
+void trace_hybrid_pair_avx512(const Frame&, const PathFrame&, const IrradianceView&, NodeRequests&,
+                              int column, int row, const Outputs&);
 void trace_pair_avx512(const Frame&, int column, int row, const Outputs&);
 void relight_pair_avx512(const Frame&, int column, int row, const Outputs&, const CachedShading*);
 void trace_path_row_avx512(const Frame&, const PathFrame&, PathBatch&, int row, const Outputs&);
@@ -375,5 +400,11 @@ void first_geoms_avx512(const Frame&, const PathFrame&, const int32_t* x, const 
                         int count, int32_t* geoms);
 long update_cached_paths_avx512(const Frame&, const PathFrame&, PathBatch&, const PathCacheView&,
                                 int begin, int end, const Outputs&);
+void lamp_points_avx512(const Frame&, const PathFrame&, int emitter, const float* x, const float* y,
+                        LampPoint*);
+void place_mesh_nodes_avx512(const Frame&, const NodeArray&, int begin, int end);
+void move_hidden_nodes_avx512(const Frame&, const NodeArray&);
+void light_nodes_avx512(const Frame&, const PathFrame&, PathBatch&, const NodeArray&, int first,
+                        int count, float* sums);
 
 }  // namespace evs

@@ -6,12 +6,7 @@
 namespace evs {
 namespace {
 
-constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT;
 constexpr int TAPS = 4;  // texture taps in a pixel
-
-float blend(float base, float refined, float weight) {
-  return weight < 1 ? base + weight * (refined - base) : refined;
-}
 
 }  // namespace
 
@@ -94,52 +89,12 @@ bool Antialiasing::near_traced(int first, int row) const {
 
 void Antialiasing::finish_row(const Kernel& kernel, const Frame& frame, int row, const Outputs& out,
                               PacketCache* rays) {
-  int top = row * PACKET_HEIGHT, bottom = std::min(top + PACKET_HEIGHT, height_);
-  for (int first = 0; first < columns_; first += GROUP) {
-    if (!near_traced(first, row)) continue;
-    int left = first * PACKET_WIDTH, right = std::min(left + PACKET, width_);
-    float weight[PACKET_HEIGHT][PACKET];
-    uint16_t wanted[GROUP] = {};
-    for (int y = top; y < bottom; y++) {
-      const float* neighbours[9];
-      for (int i = 0; i < 9; i++) {
-        neighbours[i] = untextured_.data() + (y + i / 3) * stride_ + (left + i % 3);
-      }
-      kernel.refinement_weight(neighbours, weight[y - top]);
-      long at = static_cast<long>(y) * width_ + left;
-      std::copy_n(luminance_.data() + at, right - left, out.luminance + at);
-      if (out.rgb) std::copy_n(rgb_.data() + 3 * at, 3 * (right - left), out.rgb + 3 * at);
-      for (int i = 0; i < right - left; i++) {
-        if (weight[y - top][i] > 0) {
-          int bit = (y - top) * PACKET_WIDTH + i % PACKET_WIDTH;
-          wanted[i / PACKET_WIDTH] |= static_cast<uint16_t>(1u << bit);
-        }
-      }
-    }
-    for (int g = 0; g < GROUP; g++) {
-      if (!wanted[g]) continue;
-      size_t packet = static_cast<size_t>(row) * columns_ + first + g;
-      float* light = refined_.data() + packet * PACKET;
-      float* colour = !rgb_.empty() ? refined_rgb_.data() + 3 * packet * PACKET : nullptr;
-      unsigned missing = wanted[g] & ~static_cast<unsigned>(known_[packet]);
-      if (missing) {
-        PacketRecord record = {};
-        if (rays) record = rays->record(first + g, row);
-        kernel.refine(frame, first + g, row, missing, light, colour, rays ? &record : nullptr);
-        known_[packet] |= static_cast<uint16_t>(missing);
-      }
-      for (unsigned left_over = wanted[g]; left_over; left_over &= left_over - 1) {
-        int pixel = __builtin_ctz(left_over);
-        int x = g * PACKET_WIDTH + pixel % PACKET_WIDTH, y = pixel / PACKET_WIDTH;
-        long at = static_cast<long>(top + y) * width_ + left + x;
-        float w = weight[y][x];
-        out.luminance[at] = blend(luminance_[at], light[pixel], w);
-        for (int c = 0; c < 3 && out.rgb; c++) {
-          out.rgb[3 * at + c] = blend(rgb_[3 * at + c], colour[3 * pixel + c], w);
-        }
-      }
-    }
-  }
+  finish_row(kernel, row, out, [&](int column, int, unsigned pixels, float* luminance, float* rgb) {
+    PacketRecord record = {};
+    if (rays) record = rays->record(column, row);
+    kernel.refine(frame, column, row, pixels, luminance, rgb, rays ? &record : nullptr);
+    return true;
+  });
 }
 
 void Antialiasing::next_tick() { std::fill(traced_.begin(), traced_.end(), uint8_t{0}); }

@@ -17,7 +17,7 @@ constexpr float CONTRAST_FLOOR = 1.0f / 255;  // luminance below which contrast 
 
 // Weigh by the second difference a - 2 b + c over opposite neighbours, in four directions. A NaN
 // gives some weight.
-void refinement_weight(const float* const* neighbours, float* weight) {
+inline void refinement_weight(const float* const* neighbours, float* weight) {
   Float centre = load(neighbours[4]) * 2.0f, bend = splat(0.0f);
   for (int i = 0; i < 4; i++) {
     Float sides = load(neighbours[i]) + load(neighbours[8 - i]);
@@ -30,9 +30,9 @@ void refinement_weight(const float* const* neighbours, float* weight) {
 
 // Trace all samples of some pixels. The samples of one pixel fill adjacent lanes, followed by those
 // of the next pixel, and are summed one by one, so a pixel's light does not depend on the others.
-template <int CHANNELS>
-void refine_packet(const Frame& f, int column, int row, unsigned pixels, float* luminance,
-                   float* rgb, const PacketRecord* record) {
+template <int CHANNELS, class Shading>
+void refine_packet(const Shading& shading, const Frame& f, int column, int row, unsigned pixels,
+                   float* luminance, float* rgb, const PacketRecord* record) {
   const RayCone& cone = f.primary[row * f.packet_columns + column];
   RayRecorder recorder;
   if (record) static_cast<SecondaryRayBounds&>(recorder) = *record->secondary;
@@ -58,7 +58,7 @@ void refine_packet(const Frame& f, int column, int row, unsigned pixels, float* 
     }
     // trace them and add each to its pixel
     Float light[CHANNELS];
-    radiance<CHANNELS, true>(f, rays_through(f, load(x), load(y)), cone,
+    radiance<CHANNELS, true>(shading, f, rays_through(f, load(x), load(y)), cone,
                              mask_from_bits((1u << used) - 1), splat(0.0f),
                              record ? &recorder : nullptr, light);
     store(grey, luminance_of<CHANNELS>(f, light));
@@ -84,15 +84,15 @@ void refine_packet(const Frame& f, int column, int row, unsigned pixels, float* 
   }
 }
 
-void refine(const Frame& f, int column, int row, unsigned pixels, float* luminance, float* rgb,
-            const PacketRecord* record) {
+inline void refine(const Frame& f, int column, int row, unsigned pixels, float* luminance,
+                   float* rgb, const PacketRecord* record) {
   switch (f.channels) {
     case 1:
-      return refine_packet<1>(f, column, row, pixels, luminance, rgb, record);
+      return refine_packet<1>(DirectShading{}, f, column, row, pixels, luminance, rgb, record);
     case 3:
-      return refine_packet<3>(f, column, row, pixels, luminance, rgb, record);
+      return refine_packet<3>(DirectShading{}, f, column, row, pixels, luminance, rgb, record);
     default:
-      return refine_packet<4>(f, column, row, pixels, luminance, rgb, record);
+      return refine_packet<4>(DirectShading{}, f, column, row, pixels, luminance, rgb, record);
   }
 }
 

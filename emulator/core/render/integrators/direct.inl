@@ -121,9 +121,9 @@ void add_lights(const Frame& f, const Rays& rays, const Hit& hit,
 
 // Compute the radiance that leaves the surface. In: where to cache the shading, or null.
 template <int CHANNELS>
-void shade(const Frame& f, const Rays& rays, const Hit& hit,
-           const SurfaceInteraction<CHANNELS>& interaction, LazyBounds& bounds, Mask lit,
-           const CachedShading* shading, Float* out) {
+void shade_direct(const Frame& f, const Rays& rays, const Hit& hit,
+                  const SurfaceInteraction<CHANNELS>& interaction, LazyBounds& bounds, Mask lit,
+                  const CachedShading* shading, Float* out) {
   for (int c = 0; c < CHANNELS; c++) out[c] = interaction.emitted[c];
   // cache the light of the first lights, then add the others
   int first = 0;
@@ -135,16 +135,28 @@ void shade(const Frame& f, const Rays& rays, const Hit& hit,
   add_lights<CHANNELS>(f, rays, hit, interaction, bounds, lit, first, f.light_count, out);
 }
 
-template <int CHANNELS, bool FOLLOW>
-void radiance(const Frame& f, const Rays& rays, const RayCone& cone, Mask active, Float path_length,
-              RayRecorder* recorder, Float* out);
+// How `direct` shades a surface, and what its mirrors show.
+struct DirectShading {
+  static constexpr bool MIRRORS_SHOW_SKY = false;  // as in MuJoCo's viewer
+
+  template <int CHANNELS>
+  void shade(const Frame& f, const Rays& rays, const Hit& hit,
+             const SurfaceInteraction<CHANNELS>& interaction, LazyBounds& bounds, Mask lit, Float,
+             const CachedShading* shading, Float* out) const {
+    shade_direct<CHANNELS>(f, rays, hit, interaction, bounds, lit, shading, out);
+  }
+};
+
+template <int CHANNELS, bool FOLLOW, class Shading>
+void radiance(const Shading& shading, const Frame& f, const Rays& rays, const RayCone& cone,
+              Mask active, Float path_length, RayRecorder* recorder, Float* out);
 
 // Add the mirror image seen in the lanes `mirror`, times the reflectance. `box`: bounds of the
 // mirrors' points. `empty`: the image is known to be empty.
-template <int CHANNELS>
-void reflect(const Frame& f, const Rays& rays, const SurfaceInteraction<CHANNELS>& interaction,
-             const BoundingBox& box, Mask mirror, bool empty, Float path_length,
-             RayRecorder* recorder, Float* surface) {
+template <int CHANNELS, class Shading>
+void reflect(const Shading& shading, const Frame& f, const Rays& rays,
+             const SurfaceInteraction<CHANNELS>& interaction, const BoundingBox& box, Mask mirror,
+             bool empty, Float path_length, RayRecorder* recorder, Float* surface) {
   // reflect the rays and bound them by a cone
   Vec d = rays.direction;
   Vec bounced = d - interaction.normal * (dot(d, interaction.normal) * 2.0f);
@@ -163,7 +175,7 @@ void reflect(const Frame& f, const Rays& rays, const SurfaceInteraction<CHANNELS
   // add the mirror image
   if (empty) return;
   Float image[CHANNELS];
-  radiance<CHANNELS, false>(f, mirrored, cone, mirror, path_length, recorder, image);
+  radiance<CHANNELS, false>(shading, f, mirrored, cone, mirror, path_length, recorder, image);
   for (int c = 0; c < CHANNELS; c++) {
     surface[c] = select(mirror, surface[c] + image[c] * interaction.reflectance, surface[c]);
   }
@@ -172,9 +184,9 @@ void reflect(const Frame& f, const Rays& rays, const SurfaceInteraction<CHANNELS
 // Compute the radiance along the rays of `active`: through transparent surfaces from front to back
 // and, with FOLLOW, off one mirror. Out: radiance by channel; the recorder is extended unless it is
 // null.
-template <int CHANNELS, bool FOLLOW>
-void radiance(const Frame& f, const Rays& rays, const RayCone& cone, Mask active, Float path_length,
-              RayRecorder* recorder, Float* out) {
+template <int CHANNELS, bool FOLLOW, class Shading>
+void radiance(const Shading& shading, const Frame& f, const Rays& rays, const RayCone& cone,
+              Mask active, Float path_length, RayRecorder* recorder, Float* out) {
   for (int c = 0; c < CHANNELS; c++) out[c] = splat(0.0f);
   Float transmittance = splat(1.0f), t_min = splat(0.0f), haze_alpha = t_min, haze_distance = t_min;
   for (int layer = 0; layer < MAX_LAYERS; layer++) {
@@ -195,11 +207,11 @@ void radiance(const Frame& f, const Rays& rays, const RayCone& cone, Mask active
       transmittance = transmittance - share;
       haze_alpha = select(behind, splat(0.0f), haze_alpha);
     }
-    // mirrors do not show the environment, as in MuJoCo's viewer
-    if (FOLLOW && (f.skybox >= 0 || f.medium.fog) && any(missed)) {
+    bool fog = FOLLOW && f.medium.fog;
+    if ((FOLLOW || Shading::MIRRORS_SHOW_SKY) && (f.skybox >= 0 || fog) && any(missed)) {
       Float light[CHANNELS];
       for (int c = 0; c < CHANNELS; c++) light[c] = splat(f.medium.fog_color[c]);
-      if (!f.medium.fog) camera_environment<CHANNELS>(f, rays.direction, to_bits(missed), light);
+      if (!fog) camera_environment<CHANNELS>(f, rays.direction, to_bits(missed), light);
       for (int c = 0; c < CHANNELS; c++) {
         out[c] = select(missed, out[c] + light[c] * transmittance, out[c]);
       }
@@ -214,14 +226,15 @@ void radiance(const Frame& f, const Rays& rays, const RayCone& cone, Mask active
     Float surface[CHANNELS];
     bool caches = FOLLOW && layer == 0 && recorder && recorder->shading.numbers &&
                   can_cache_shading(f, hit, lit);
-    shade<CHANNELS>(f, rays, hit, interaction, bounds, lit, caches ? &recorder->shading : nullptr,
-                    surface);
+    shading.template shade<CHANNELS>(f, rays, hit, interaction, bounds, lit, path_length,
+                                     caches ? &recorder->shading : nullptr, surface);
     // follow mirrors once
     if constexpr (FOLLOW) {
       Mask mirror = lit & (interaction.reflectance > 0.0f);
-      bool empty = !any(mirror) || mirror_is_empty(f, rays, hit, mirror);
+      bool shows_sky = Shading::MIRRORS_SHOW_SKY && f.skybox >= 0;
+      bool empty = !any(mirror) || (!shows_sky && mirror_is_empty(f, rays, hit, mirror));
       if (!empty || (recorder && any(mirror))) {
-        reflect<CHANNELS>(f, rays, interaction, bounds.of(interaction, lit), mirror, empty,
+        reflect<CHANNELS>(shading, f, rays, interaction, bounds.of(interaction, lit), mirror, empty,
                           path_length + hit.distance, recorder, surface);
       }
     }
@@ -238,8 +251,8 @@ void radiance(const Frame& f, const Rays& rays, const RayCone& cone, Mask active
 
 // Entry points: packets of pixels, with or without a record of their rays, and scattered pixels.
 
-template <int CHANNELS>
-void trace_packet(const Frame& f, int column, int row, const Outputs& out,
+template <int CHANNELS, class Shading>
+void trace_packet(const Shading& shading, const Frame& f, int column, int row, const Outputs& out,
                   const PacketRecord* record) {
   const RayCone& cone = PACKETS == 1 ? f.primary[row * f.packet_columns + column]
                                      : f.pairs[row * (f.packet_columns / 2) + column / 2];
@@ -255,7 +268,7 @@ void trace_packet(const Frame& f, int column, int row, const Outputs& out,
   for (int s = 0; s < f.samples; s++) {
     Rays rays = primary_rays(f, column, row, f.sample_x[s], f.sample_y[s]);
     Float light[CHANNELS];
-    radiance<CHANNELS, true>(f, rays, cone, mask_from_bits(ALL_LANES), splat(0.0f),
+    radiance<CHANNELS, true>(shading, f, rays, cone, mask_from_bits(ALL_LANES), splat(0.0f),
                              record ? &recorder : nullptr, light);
     sum = sum + luminance_of<CHANNELS>(f, light);
     if (out.rgb || out.untextured) {
@@ -271,7 +284,9 @@ void trace_packet(const Frame& f, int column, int row, const Outputs& out,
 
 inline void trace(const Frame& f, int column, int row, const Outputs& out,
                   const PacketRecord* record) {
-  for_channels(f, [&]<int CHANNELS>() { trace_packet<CHANNELS>(f, column, row, out, record); });
+  for_channels(f, [&]<int CHANNELS>() {
+    trace_packet<CHANNELS>(DirectShading{}, f, column, row, out, record);
+  });
 }
 
 // Trace scattered pixels. Their rays share the camera only, so their cone is wide.
@@ -287,8 +302,8 @@ void trace_scattered(const Frame& f, const int32_t* x, const int32_t* y, int cou
     Rays rays = rays_through(f, pixel_point(column, f.sample_x[s], PACKET_WIDTH),
                              pixel_point(row, f.sample_y[s], PACKET_HEIGHT));
     Float light[CHANNELS];
-    radiance<CHANNELS, true>(f, rays, ray_cone(rays.origin, rays.direction, all, T_INFINITY), all,
-                             splat(0.0f), nullptr, light);
+    RayCone cone = ray_cone(rays.origin, rays.direction, all, T_INFINITY);
+    radiance<CHANNELS, true>(DirectShading{}, f, rays, cone, all, splat(0.0f), nullptr, light);
     sum = sum + luminance_of<CHANNELS>(f, light);
     sum_untextured = sum_untextured + light[CHANNELS - 1];
   }

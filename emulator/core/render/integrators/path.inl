@@ -295,20 +295,17 @@ inline bool reach_surface(const Frame& f, const PathFrame& p, int bounce, const 
   return direct_lighting(f, p, bounce, path, lit, clearance, lamp_clearance, at, out);
 }
 
-// Shade the vertices of `lit` and sample the next rays. Out: the lanes that continue; from_geom:
-// the vertices' geoms; sampled_light: the light found by light sampling.
-inline Mask shade_paths(const Frame& f, const PathFrame& p, int bounce, PathState& path, Mask lit,
-                        Clearance* clearance, Clearance* lamp_clearance, Int& from_geom,
-                        Float* sampled_light, Float* out) {
+// Sample the light that the vertices of `lit` scatter, and the next rays. Out: the lanes that
+// continue; from_geom: the vertices' geoms; sampled_light: the light found by light sampling.
+inline Mask scatter_paths(const Frame& f, const PathFrame& p, int bounce, PathState& path, Mask lit,
+                          Clearance* clearance, const ShadingPoint& at, Int& from_geom,
+                          Float* sampled_light, Float* out) {
   const Rays& rays = path.rays;
   const Hit& hit = path.hit;
   const Sampler& sampler = path.sampler;
   Float zero = splat(0.0f);
   int first_dimension = bounce * DIMENSIONS_PER_VERTEX;
   for (int c = 0; c < 3; c++) sampled_light[c] = zero;
-  ShadingPoint at;
-  if (!reach_surface(f, p, bounce, path, lit, clearance, lamp_clearance, at, out))
-    return mask_from_bits(0);
   const SurfaceInteraction<3>& interaction = at.interaction;
   const Bsdf& s = at.bsdf;
   // choose an emitter or the environment, and sample a direction to it
@@ -390,6 +387,18 @@ inline Mask shade_paths(const Frame& f, const PathFrame& p, int bounce, PathStat
   from_geom = hit.geom;
   path.rays = {interaction.spawn_point, next.direction, false};
   return active;
+}
+
+// Shade the vertices of `lit` and sample the next rays, as of `scatter_paths`.
+inline Mask shade_paths(const Frame& f, const PathFrame& p, int bounce, PathState& path, Mask lit,
+                        Clearance* clearance, Clearance* lamp_clearance, Int& from_geom,
+                        Float* sampled_light, Float* out) {
+  ShadingPoint at;
+  if (!reach_surface(f, p, bounce, path, lit, clearance, lamp_clearance, at, out)) {
+    for (int c = 0; c < 3; c++) sampled_light[c] = splat(0.0f);
+    return mask_from_bits(0);
+  }
+  return scatter_paths(f, p, bounce, path, lit, clearance, at, from_geom, sampled_light, out);
 }
 
 }  // namespace

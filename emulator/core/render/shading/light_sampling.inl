@@ -308,6 +308,42 @@ EVS_INLINE Float area_pdf(const Emitter& e, const Geom& g, Vec q) {
   return share / (sqrt(max(dot(n, n), splat(1e-30f))) * (s[0] * s[1] * s[2]));
 }
 
+// Sample a point of an emitter by area, in the geom's frame. In: a number that selects a mesh's
+// triangle, and two for the point. Out: point, normal, and of a mesh where the hit lies, in the
+// lanes `here`.
+inline void sample_area(const Frame& f, const Emitter& emitter, Float u_triangle, Point2 u_point,
+                        Mask here, Vec& q, Vec& normal, Hit& hit) {
+  const Geom& g = f.geoms[emitter.geom];
+  if (!emitter.cumulative) return sample_shape(g, u_point, q, normal);
+  const Mesh& mesh = f.meshes[g.mesh];
+  Int index = search_cdf(emitter.cumulative, splat(0), emitter.triangles, u_triangle);
+  // uniform on the triangle
+  Float root = sqrt(u_point.x);
+  Float wb = root * (1.0f - u_point.y), wc = root * u_point.y;
+  alignas(64) float parts[6][LANES] = {};
+  alignas(64) int triangle[LANES];
+  alignas(64) float b[LANES], c[LANES];
+  store(triangle, index);
+  store(b, wb);
+  store(c, wc);
+  for (unsigned lanes = to_bits(here); lanes; lanes &= lanes - 1) {
+    int i = first_lane(lanes);
+    const Triangle& t = mesh.triangles[triangle[i]];
+    float a = 1.0f - b[i] - c[i];
+    parts[0][i] = a * t.a.x + b[i] * t.b.x + c[i] * t.c.x;
+    parts[1][i] = a * t.a.y + b[i] * t.b.y + c[i] * t.c.y;
+    parts[2][i] = a * t.a.z + b[i] * t.b.z + c[i] * t.c.z;
+    parts[3][i] = t.normal.x;
+    parts[4][i] = t.normal.y;
+    parts[5][i] = t.normal.z;
+  }
+  q = {load(parts[0]), load(parts[1]), load(parts[2])};
+  normal = normalize({load(parts[3]), load(parts[4]), load(parts[5])});
+  hit.triangle = select(here, index, hit.triangle);
+  hit.u = select(here, wb, hit.u);
+  hit.v = select(here, wc, hit.v);
+}
+
 // Sample a point on the emissive geom that `u_choice` selects, seen from `from`. `path_length` as
 // in surface_interaction.
 inline LightSample sample_emitter(const Frame& f, const PathFrame& p, Vec from, Float u_choice,
@@ -336,39 +372,8 @@ inline LightSample sample_emitter(const Frame& f, const PathFrame& p, Vec from, 
     }
     // sample a point of any other geom by area
     Vec q, normal;
-    if (emitter.cumulative) {
-      const Mesh& mesh = f.meshes[g.mesh];
-      Float u =
-          min(max((u_choice - emitter.begin) / splat(share), splat(0.0f)), splat(0.99999994f));
-      Int index = search_cdf(emitter.cumulative, splat(0), emitter.triangles, u);
-      // uniform on the triangle
-      Float root = sqrt(u_point.x);
-      Float wb = root * (1.0f - u_point.y), wc = root * u_point.y;
-      alignas(64) float parts[6][LANES] = {};
-      alignas(64) int triangle[LANES];
-      alignas(64) float b[LANES], c[LANES];
-      store(triangle, index);
-      store(b, wb);
-      store(c, wc);
-      for (unsigned lanes = to_bits(here); lanes; lanes &= lanes - 1) {
-        int i = first_lane(lanes);
-        const Triangle& t = mesh.triangles[triangle[i]];
-        float a = 1.0f - b[i] - c[i];
-        parts[0][i] = a * t.a.x + b[i] * t.b.x + c[i] * t.c.x;
-        parts[1][i] = a * t.a.y + b[i] * t.b.y + c[i] * t.c.y;
-        parts[2][i] = a * t.a.z + b[i] * t.b.z + c[i] * t.c.z;
-        parts[3][i] = t.normal.x;
-        parts[4][i] = t.normal.y;
-        parts[5][i] = t.normal.z;
-      }
-      q = {load(parts[0]), load(parts[1]), load(parts[2])};
-      normal = normalize({load(parts[3]), load(parts[4]), load(parts[5])});
-      hit.triangle = select(here, index, hit.triangle);
-      hit.u = select(here, wb, hit.u);
-      hit.v = select(here, wc, hit.v);
-    } else {
-      sample_shape(g, u_point, q, normal);
-    }
+    Float u = min(max((u_choice - emitter.begin) / splat(share), splat(0.0f)), splat(0.99999994f));
+    sample_area(f, emitter, u, u_point, here, q, normal, hit);
     // convert the area density to a solid angle
     Vec w = to_camera(g.rotation, q) + splat(g.position) - from;
     Float square = max(dot(w, w), splat(1e-20f)), distance = sqrt(square);

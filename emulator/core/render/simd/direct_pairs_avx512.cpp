@@ -4,6 +4,7 @@
 #define EVS_NAMESPACE avx512_pairs
 #include "incremental/relight.inl"
 #include "integrators/direct.inl"
+#include "integrators/hybrid.inl"
 
 namespace evs {
 
@@ -14,6 +15,11 @@ void trace_pair_avx512(const Frame& f, int column, int row, const Outputs& out) 
 void relight_pair_avx512(const Frame& f, int column, int row, const Outputs& out,
                          const CachedShading* cache) {
   avx512_pairs::relight(f, column, row, out, cache);
+}
+
+void trace_hybrid_pair_avx512(const Frame& f, const PathFrame& p, const IrradianceView& cache,
+                              NodeRequests& requests, int column, int row, const Outputs& out) {
+  avx512_pairs::trace_hybrid(f, p, cache, requests, column, row, out);
 }
 
 }  // namespace evs

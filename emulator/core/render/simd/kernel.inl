@@ -17,11 +17,13 @@
 #include "integrators/antialiasing.inl"
 #include "integrators/direct.inl"
 #include "integrators/ground_truth.inl"
+#include "integrators/hybrid.inl"
 #include "path_scene.h"
 #include "scene.h"
 #include "simd/probe.inl"
 #ifndef EVS_PATHS
 #include "incremental/dirty_set.inl"
+#include "irradiance/node_light.inl"
 #define EVS_PATHS(name) EVS_NAMESPACE::name
 #endif
 
@@ -41,6 +43,13 @@ const Kernel EVS_KERNEL = {EVS_NAMESPACE::trace,
                            EVS_PATHS(trace_marked_row),
                            EVS_PATHS(first_geoms),
                            EVS_PATHS(update_cached_paths),
+                           EVS_NAMESPACE::trace_hybrid,
+                           EVS_PAIR(trace_hybrid),
+                           EVS_NAMESPACE::refine_hybrid,
+                           EVS_PATHS(lamp_points),
+                           EVS_PATHS(place_mesh_nodes),
+                           EVS_PATHS(move_hidden_nodes),
+                           EVS_PATHS(light_nodes),
                            EVS_NAMESPACE::probe_sampler,
                            EVS_NAMESPACE::probe_bsdf_sample,
                            EVS_NAMESPACE::probe_bsdf,

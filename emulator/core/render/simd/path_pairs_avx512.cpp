@@ -2,6 +2,7 @@
 #define EVS_VECTOR_BITS 1024
 #define EVS_NAMESPACE avx512_path_pairs
 #include "incremental/dirty_set.inl"
+#include "irradiance/node_light.inl"
 
 namespace evs {
 
@@ -29,6 +30,24 @@ long update_cached_paths_avx512(const Frame& f, const PathFrame& p, PathBatch& b
                                 const PathCacheView& cache, int begin, int end,
                                 const Outputs& out) {
   return avx512_path_pairs::update_cached_paths(f, p, batch, cache, begin, end, out);
+}
+
+void lamp_points_avx512(const Frame& f, const PathFrame& p, int emitter, const float* x,
+                        const float* y, LampPoint* points) {
+  avx512_path_pairs::lamp_points(f, p, emitter, x, y, points);
+}
+
+void place_mesh_nodes_avx512(const Frame& f, const NodeArray& nodes, int begin, int end) {
+  avx512_path_pairs::place_mesh_nodes(f, nodes, begin, end);
+}
+
+void move_hidden_nodes_avx512(const Frame& f, const NodeArray& nodes) {
+  avx512_path_pairs::move_hidden_nodes(f, nodes);
+}
+
+void light_nodes_avx512(const Frame& f, const PathFrame& p, PathBatch& batch,
+                        const NodeArray& nodes, int first, int count, float* sums) {
+  avx512_path_pairs::light_nodes(f, p, batch, nodes, first, count, sums);
 }
 
 }  // namespace evs

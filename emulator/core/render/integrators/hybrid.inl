@@ -1,0 +1,485 @@
+// The `hybrid` integrator: light split by how fast it changes. Lamps, glowing geoms, gloss and
+// mirrors are evaluated at every hit of a camera ray, as in `direct`; the diffuse light of the sky
+// and of bounces is read from the irradiance cache. It is deterministic: no random numbers but
+// those of the cache's nodes.
+//
+// Surfaces are those of `path`. What is approximated:
+//  - of sky and bounces, the specular lobe reflects its share of what a diffuse surface receives;
+//  - where luminance alone is rendered, the colour of a texture is its mean;
+//  - bulbs and glowing geoms are points on them, the same everywhere, and all points are traced
+//    only where the outermost ones are not all lit or all in shadow.
+#pragma once
+
+#include "integrators/antialiasing.inl"
+#include "integrators/path.inl"
+#include "irradiance/node_lattice.inl"
+
+namespace evs::EVS_NAMESPACE {
+namespace {
+
+// Directional albedo of the GGX lobe for a reflectance of 1: a fit, off by at most 0.05.
+EVS_INLINE Float specular_albedo(Float cosine, Float alpha) {
+  Float lost = alpha * 0.3051f + cosine * (alpha * 0.6556f - 0.0889f) + 0.0673f;
+  Float rest = alpha + cosine * (cosine * 0.293f - 0.0144f) + 0.0033f;
+  return 1.0f - alpha * lost / rest;
+}
+
+constexpr int OUTERMOST = 8;  // points of a glowing geom that decide whether all are traced
+
+template <int CHANNELS>
+struct SurfaceLobes {
+  Bsdf geometry;  // normal, direction and width; no colour
+  Float specular[CHANNELS], diffuse[CHANNELS];
+};
+
+// The lobes of `make_bsdf`, in any number of channels.
+template <int CHANNELS>
+SurfaceLobes<CHANNELS> surface_lobes(const SurfaceInteraction<CHANNELS>& interaction, Vec d) {
+  SurfaceLobes<CHANNELS> s;
+  s.geometry.normal = interaction.normal;
+  s.geometry.cos_outgoing = max(-dot(d, interaction.normal), splat(1e-4f));
+  s.geometry.alpha = min(max(interaction.alpha_ggx, splat(0.002f)), splat(1.0f));
+  Float rest = 1.0f - min(max(interaction.reflectance, splat(0.0f)), splat(1.0f));
+  for (int c = 0; c < CHANNELS; c++) {
+    Float f0 = min(max(interaction.f0[c], splat(0.0f)), splat(1.0f));
+    s.specular[c] = rest * f0;
+    s.diffuse[c] = rest * max(interaction.albedo[c], splat(0.0f)) * (1.0f - interaction.metallic) *
+                   (1.0f - f0);
+  }
+  return s;
+}
+
+// Which channel holds what: red, green and blue are `colour` ... `colour` + 2, all others are
+// luminance.
+template <int CHANNELS>
+EVS_INLINE Float of_channel(const Frame& f, const Received& light, int c) {
+  int k = c - f.colour;
+  bool colour = CHANNELS >= 3 && k >= 0 && k < 3;
+  return colour ? light.colour[k < 0 || k > 2 ? 0 : k] : light.luminance;
+}
+
+struct HybridShading {
+  static constexpr bool MIRRORS_SHOW_SKY = true;
+  const PathFrame& p;
+  const IrradianceView& cache;
+  NodeRequests& requests;
+
+  template <int CHANNELS>
+  void shade(const Frame& f, const Rays& rays, const Hit& hit,
+             const SurfaceInteraction<CHANNELS>& interaction, LazyBounds& bounds, Mask lit,
+             Float path_length, const CachedShading*, Float* out) const {
+    SurfaceLobes<CHANNELS> s = surface_lobes(interaction, rays.direction);
+    const Surfaces<CHANNELS> at = {f, rays, hit, interaction, bounds, lit, s, out};
+    for (int c = 0; c < CHANNELS; c++) out[c] = interaction.emitted[c];
+    visit_lights(f, 0, f.light_count, interaction, bounds, lit, [&](int i) {
+      if (f.lights[i].kind != IMAGE) add_light(at, f.lights[i]);
+    });
+    for (int e = 0; e < p.emitter_count; e++) add_emitter(at, e);
+    Received received;
+    cached_irradiance<(CHANNELS >= 3), CHANNELS>(f, cache, requests, rays, hit, interaction, lit,
+                                                 path_length, received);
+    Float gloss = specular_albedo(min(s.geometry.cos_outgoing, splat(1.0f)), s.geometry.alpha);
+    for (int c = 0; c < CHANNELS; c++) {
+      out[c] =
+          out[c] + (s.specular[c] * gloss + s.diffuse[c]) * of_channel<CHANNELS>(f, received, c);
+    }
+  }
+
+ private:
+  // What is shaded.
+  template <int CHANNELS>
+  struct Surfaces {
+    const Frame& f;
+    const Rays& rays;
+    const Hit& hit;
+    const SurfaceInteraction<CHANNELS>& interaction;
+    LazyBounds& bounds;
+    Mask lit;
+    const SurfaceLobes<CHANNELS>& s;
+    Float* out;
+
+    EVS_INLINE Mask facing(Vec wi) const {
+      return lit & (dot(wi, interaction.normal) > 0.0f) &
+             (dot(wi, interaction.geometric_normal) > 0.0f);
+    }
+
+    // Evaluate the lobes for light from wi, times pi.
+    EVS_INLINE void reflected(Vec wi, Mask lanes, Float* value) const {
+      Float cosine = max(dot(wi, s.geometry.normal), splat(0.0f)), specular = splat(0.0f);
+      Mask glossy = mask_from_bits(0);
+      for (int c = 0; c < CHANNELS; c++) glossy = glossy | (s.specular[c] > 0.0f);
+      if (any(glossy & lanes)) {
+        specular = visible_normal_pdf(s.geometry, rays.direction, wi) *
+                   smith_g1(max(cosine, splat(1e-6f)), s.geometry.alpha) * PI;
+      }
+      for (int c = 0; c < CHANNELS; c++)
+        value[c] = s.specular[c] * specular + s.diffuse[c] * cosine;
+    }
+  };
+
+  // The lanes from which a box cannot hide a sphere, as both are beyond one of its sides.
+  template <int CHANNELS>
+  EVS_INLINE Mask beyond(const Surfaces<CHANNELS>& at, const Geom& g, V3 center,
+                         float radius) const {
+    constexpr float ROUNDING = 1e-5f;
+    Mask found = mask_from_bits(0);
+    const float* r = g.rotation;
+    Vec start = at.interaction.spawn_point - splat(g.position);
+    for (int a = 0; a < 3; a++) {
+      V3 axis = {r[a], r[3 + a], r[6 + a]};
+      float place = dot(center - g.position, axis), reach = g.size[a];
+      if (__builtin_fabsf(place) - radius < reach * (1 + ROUNDING)) continue;
+      Float height = dot(start, splat(axis)) * (place < 0 ? -1.0f : 1.0f);
+      found = found | (height >= reach * (1 - ROUNDING) - ROUNDING * at.hit.distance);
+    }
+    return found;
+  }
+
+  // Does a box lie beside the rays from the sphere where a cone begins to another sphere? In: the
+  // other sphere.
+  EVS_INLINE static bool aside(const Geom& g, const RayCone& cone, V3 center, float radius) {
+    V3 v = g.position - cone.center;
+    V3 away = normalized(v - scaled(cone.axis, dot(v, cone.axis)));
+    const float* r = g.rotation;
+    float reach = 0;
+    for (int a = 0; a < 3; a++)
+      reach += g.size[a] * __builtin_fabsf(r[a] * away.x + r[3 + a] * away.y + r[6 + a] * away.z);
+    float near = dot(v, away) - reach, end = dot(center - cone.center, away) + radius;
+    float widest = cone.radius > end ? cone.radius : end;
+    return near > widest * 1.0001f + 1e-5f * cone.length;
+  }
+
+  // Call visit(geom) for the geoms that may hide a lamp, a sphere, from a point, until it returns
+  // true: those near the rays from the box of the points to the sphere; convex ones never hide it
+  // from themselves. `lamp`: a geom, or -1. Returns whether one returned true, or whether there are
+  // too many to visit.
+  template <int CHANNELS, class Visit>
+  bool visit_hiding(const Surfaces<CHANNELS>& at, V3 position, float radius, int lamp,
+                    const Visit& visit) const {
+    const Frame& f = at.f;
+    RayCone cone = bounding_sphere(at.bounds.of(at.interaction, at.lit));
+    cone.radius += at.bounds.box.step;
+    V3 w = position - cone.center;
+    float distance = __builtin_sqrtf(dot(w, w));
+    cone.axis = normalized(w);
+    cone.length = distance + radius;
+    if (radius > cone.radius) {
+      if (!(distance > radius)) return true;
+      cone.sine = (radius - cone.radius) / distance;
+      cone.cosine = __builtin_sqrtf(1 - cone.sine * cone.sine);
+    }
+    if (f.bvh.top > 0 && cone_may_touch(f.finite_bounds, cone)) return true;
+    for (int k = 0, end = candidates_end(f, cone); k < end; k += LANES) {
+      for (unsigned near = candidates(f, k, end, cone); near; near &= near - 1) {
+        int index = k + first_lane(near);
+        const Geom& g = f.geoms[index];
+        bool mesh = g.shape == MESH || g.shape == HFIELD;
+        if (index == lamp && !mesh) continue;
+        if (!any(lanes_to_test(f, index, at.hit.geom, at.lit))) continue;
+        const float* r = g.rotation;
+        // only the front of a plane stops rays
+        V3 up = {r[2], r[5], r[8]};
+        if (g.shape == PLANE && dot(position - g.position, up) > radius * 1.00001f) continue;
+        if (visit(index, cone)) return true;
+      }
+    }
+    return false;
+  }
+
+  // The part of a unit disc on one side of a line at t, -1 ... 1, off its middle: a fit.
+  EVS_INLINE static Float part_of_disc(Float t) {
+    Float square = t * t;
+    return t * (square * (square * -0.0523f - 0.0807f) + 0.633f) + 0.5f;
+  }
+
+  // How much of a bulb a geom hides, where that is known in closed form.
+  struct Cover {
+    Mask dark, partly;  // all of it, a part of it
+    Mask inside;        // the point lies in the geom
+    Float share;        // where `partly`
+    Mask unknown;
+  };
+
+  // Cover of a bulb by a sphere or a capsule. The outline of the geom is taken for a circle, or
+  // along a capsule for two lines, and the bulb for a disc. A round outline not much wider than the
+  // bulb is left `unknown`.
+  template <int CHANNELS>
+  Cover cover_of(const Surfaces<CHANNELS>& at, const Geom& g, const Incidence& in, float bulb,
+                 Vec center, float radius, bool capsule, Mask lanes) const {
+    constexpr float WIDE = 1.5f;  // bulbs
+    Vec v = center - at.interaction.spawn_point;
+    Mask along_axis = mask_from_bits(0);
+    if (capsule) {
+      // the point of the axis nearest to the ray
+      const float* r = g.rotation;
+      Vec u = splat(V3{r[2], r[5], r[8]});
+      Float b = dot(in.wi, u), ahead = dot(in.wi, v), up = dot(u, v);
+      Float between = max(1.0f - b * b, splat(1e-6f));
+      Float s = (ahead * b - up) / between;
+      // behind the start of the ray, the one nearest to the start
+      s = select((ahead + b * s) > 0.0f, s, -up);
+      along_axis = abs(s) < splat(g.size[1]);
+      v = v + u * min(max(s, splat(-g.size[1])), splat(g.size[1]));
+    }
+    Float square = dot(v, v), along = dot(v, in.wi);
+    Vec off = v - in.wi * along;
+    // the sine of the angle by which the outline reaches beyond the middle of the bulb
+    Float inverse = 1.0f / max(square, splat(1e-20f));
+    Float beside = sqrt(max(square - radius * radius, splat(0.0f))) * sqrt(dot(off, off)) * inverse;
+    Float before = along * radius * inverse, width = bulb / in.distance;
+    Float t = (before - beside) / width, t_far = (before + beside) / width;
+    // rays that start inside leave; and what is behind the bulb hides nothing
+    Mask between = lanes & (square > radius * radius) & (along > 0.0f) & (along < in.distance);
+    Cover out;
+    out.inside = lanes & ~(square > radius * radius);
+    out.dark = between & (t >= 1.0f);
+    out.partly = between & ~out.dark & (t > -1.0f);
+    Float wide = splat(radius) * sqrt(inverse) / width;
+    out.unknown = out.partly & (wide < WIDE) & ~along_axis;
+    // the part of a disc on one side of a line, less what lies beyond the arc of the outline
+    Float chord = sqrt(max(1.0f - t * t, splat(0.0f)));
+    Float beyond_arc = chord * chord * chord * 0.1061f / max(wide, splat(WIDE));
+    // a capsule also ends on the other side
+    Float beyond_side = 1.0f - part_of_disc(min(t_far, splat(1.0f)));
+    out.share = part_of_disc(t) - select(along_axis, beyond_side, beyond_arc);
+    return out;
+  }
+
+  // Cover by a plane in which a bulb is sunk. It must reach beyond the bulb.
+  template <int CHANNELS>
+  Cover cover_of_plane(const Surfaces<CHANNELS>& at, const Geom& g, const Light& light,
+                       const Incidence& in, Mask lanes) const {
+    const float* r = g.rotation;
+    V3 up = {r[2], r[5], r[8]}, v = light.position - g.position;
+    float height = dot(v, up), x = dot(v, {r[0], r[3], r[6]}), y = dot(v, {r[1], r[4], r[7]});
+    auto inside = [&](float size, float place) {
+      return size <= 0 || __builtin_fabsf(place) + 2 * light.radius < size;
+    };
+    // only its front stops rays
+    Mask front = lanes & (dot(at.interaction.spawn_point - splat(g.position), splat(up)) > 0.0f);
+    Mask none = mask_from_bits(0);
+    Cover out = {none, none, none, splat(0.0f), front};
+    if (!inside(g.size[0], x) || !inside(g.size[1], y)) return out;
+    out.unknown = none;
+    // The plane cuts a cap off the sphere. Its rim is seen as an ellipse, which touches the outline
+    // where the cap reaches beyond it: of the outline's disc, the hidden part ends at a chord, less
+    // or more a part of the ellipse.
+    Float one = splat(1.0f), facing = dot(in.wi, splat(up));
+    float k = height / light.radius, rim = 1 - k * k;
+    if (rim <= 0) {
+      out.dark = k < 0 ? front : out.dark;
+      return out;
+    }
+    Float slant = sqrt(max(1.0f - facing * facing, splat(1e-12f)));
+    Float chord = max(min(splat(k) / slant, one), -one);
+    Float on_ellipse = splat(k / __builtin_sqrtf(rim)) * abs(facing) / slant;
+    Float arc = part_of_disc(-max(min(on_ellipse, one), -one));
+    out.share = part_of_disc(-chord) + facing * rim * select(facing < 0.0f, arc, 1.0f - arc);
+    out.partly = front & (out.share > 0.0f);
+    return out;
+  }
+
+  // The share of a bulb that is seen from each point of `facing`.
+  template <int CHANNELS>
+  Float bulb_visibility(const Surfaces<CHANNELS>& at, const Light& light, const Incidence& in,
+                        Mask facing) const {
+    const Frame& f = at.f;
+    Float seen = splat(1.0f);
+    Mask dark = mask_from_bits(0), partly = dark, unknown = dark;
+    bool many = visit_hiding(at, light.position, light.radius, -1, [&](int index, const RayCone&) {
+      const Geom& g = f.geoms[index];
+      Mask lanes = lanes_to_test(f, index, at.hit.geom, facing & ~dark);
+      // In a packet of other points another geom may be left out here: what it adds in these lanes
+      // must be nothing.
+      if (p.transparent || f.bvh.top > 0) {
+        unknown = unknown | lanes;
+        return false;
+      }
+      if (g.shape != SPHERE && g.shape != CAPSULE && g.shape != PLANE) {
+        const BoundingSphereArray& b = f.bounds;
+        Vec center = splat(V3{b.x[index], b.y[index], b.z[index]});
+        if (g.shape == BOX) lanes = lanes & ~beyond(at, g, light.position, light.radius);
+        Cover cover = cover_of(at, g, in, light.radius, center, b.radius[index], false, lanes);
+        unknown = unknown | cover.dark | cover.partly | cover.inside;
+        return false;
+      }
+      Cover cover = g.shape == PLANE ? cover_of_plane(at, g, light, in, lanes)
+                                     : cover_of(at, g, in, light.radius, splat(g.position),
+                                                g.size[0], g.shape == CAPSULE, lanes);
+      dark = dark | cover.dark;
+      // what two geoms hide together is not known
+      unknown = unknown | cover.unknown | (cover.partly & partly);
+      partly = partly | cover.partly;
+      seen = select(cover.partly, 1.0f - cover.share, seen);
+      return false;
+    });
+    unknown = many ? facing : unknown & ~dark;
+    seen = select(dark, splat(0.0f), seen);
+    if (!any(unknown)) return seen;
+    // rays to points of the bulb: all of them only where the first ones are not alike
+    Float sum = splat(0.0f);
+    auto ray = [&](int k, Mask traced) {
+      // the first ones lie on the rim
+      constexpr float RIM = 0.97f, CENTRE = 0.5f / BULB_POINTS - 0.5f / LAMP_POINTS;
+      Point2 u = {
+          splat(k < 0 ? RIM : cache.lamp_x[k] + CENTRE),
+          splat(k < 0 ? static_cast<float>(-1 - k) * 0.25f + 0.125f : cache.lamp_y[k] + CENTRE)};
+      Float distance;
+      Vec wi = sample_cone(in.wi, in.distance, light.radius, u, distance);
+      return transmittance(f, p, at.interaction.spawn_point, wi, max(distance, splat(0.0f)),
+                           at.hit.geom, traced, light.non_occluders, nullptr);
+    };
+    constexpr int ON_RIM = 4, FIRST = 4;
+    Float rim = splat(0.0f);
+    for (int k = 0; k < ON_RIM; k++) rim = rim + ray(-1 - k, unknown);
+    for (int k = 0; k < FIRST; k++) sum = sum + ray(k, unknown);
+    Float first = rim + sum;
+    Mask left = unknown & (first > 0.0f) & (first < static_cast<float>(ON_RIM + FIRST));
+    if (any(left)) {
+      for (int k = FIRST; k < BULB_POINTS; k++) sum = sum + ray(k, left);
+    }
+    Float share = select(left, sum * (1.0f / BULB_POINTS), first * (1.0f / (ON_RIM + FIRST)));
+    return select(unknown, share, seen);
+  }
+
+  template <int CHANNELS>
+  void add_light(const Surfaces<CHANNELS>& at, const Light& light) const {
+    const Frame& f = at.f;
+    const SurfaceInteraction<CHANNELS>& interaction = at.interaction;
+    Incidence in = incidence(light, interaction.point);
+    // the ambient light of directional lights is a sky
+    if (light.kind != DIRECTIONAL) {
+      Float share = select(at.lit, in.strength, splat(0.0f));
+      for (int c = 0; c < CHANNELS; c++)
+        at.out[c] = at.out[c] + (at.s.diffuse[c] + at.s.specular[c]) * share * light.ambient[c];
+    }
+    Mask facing = at.facing(in.wi) & (in.strength > 0.0f);
+    Float strength = in.strength;
+    bool casts = light.castshadow && f.shadows, bulb = is_bulb(light);
+    if (bulb) {
+      facing = facing & (in.distance > light.radius);
+      float inverse = 1.0f / (light.radius * light.radius);
+      Float square = in.distance * in.distance;
+      strength = strength * one_minus_cos_cone(square, light.radius) * square * (2.0f * inverse);
+    }
+    if (!any(facing)) return;
+    if (casts && bulb) {
+      strength = strength * bulb_visibility(at, light, in, facing);
+    } else if (casts && p.transparent) {
+      strength = strength * transmittance(f, p, interaction.spawn_point, in.wi, in.distance,
+                                          at.hit.geom, facing, light.non_occluders, nullptr);
+    } else if (casts &&
+               (planes_may_occlude(f, light.non_occluders) ||
+                any_ray_near_sphere(f.finite_bounds, interaction.spawn_point, in.wi, facing))) {
+      facing = facing & ~occluded(f, interaction.spawn_point, in.wi, in.distance, at.hit.geom,
+                                  shadow_cone(light, at.bounds.of(interaction, at.lit)), facing,
+                                  light.non_occluders);
+    }
+    facing = facing & (strength > 0.0f);
+    if (!any(facing)) return;
+    Float value[CHANNELS];
+    at.reflected(in.wi, facing, value);
+    for (int c = 0; c < CHANNELS; c++)
+      at.out[c] = select(facing, at.out[c] + value[c] * strength * light.diffuse[c], at.out[c]);
+  }
+
+  // A glowing geom: small discs on its surface.
+  template <int CHANNELS>
+  void add_emitter(const Surfaces<CHANNELS>& at, int index) const {
+    const Frame& f = at.f;
+    const Emitter& e = p.emitters[index];
+    Mask others = at.lit & ~(at.hit.geom == splat(e.geom));
+    if (!any(others)) return;
+    const LampPoint* points = cache.lamp_points + index * LAMP_POINTS;
+    const Geom& g = f.geoms[e.geom];
+    const BoundingSphereArray& b = f.bounds;
+    V3 center = {b.x[e.geom], b.y[e.geom], b.z[e.geom]};
+    if (g.shape == PLANE) center = g.position;
+    float radius = g.shape == PLANE ? g.size[0] + g.size[1] : b.radius[e.geom];
+    bool hidden = visit_hiding(at, center, radius, e.geom, [&](int other, const RayCone& cone) {
+      const Geom& box = f.geoms[other];
+      if (box.shape != BOX) return true;
+      return any(others & ~beyond(at, box, center, radius)) && !aside(box, cone, center, radius);
+    });
+    // the surface's share of each colour
+    alignas(64) float shares[3][LANES] = {};
+    for (unsigned lanes = to_bits(others); lanes; lanes &= lanes - 1) {
+      int i = first_lane(lanes);
+      const float* tint = cache.tint + 4 * f.geoms[lane(at.hit.geom, i)].surface;
+      for (int c = 0; c < 3; c++) shares[c][i] = tint[c];
+    }
+    // the ray to a point, and the lanes that face each other
+    Vec wi;
+    Float distance, strength;
+    auto reach = [&](const LampPoint& point) {
+      Vec w = splat(point.position) - at.interaction.spawn_point;
+      Float square = max(dot(w, w), splat(1e-20f));
+      distance = sqrt(square);
+      wi = w * (1.0f / distance);
+      Float cosine = -dot(wi, splat(point.normal));
+      // a disc of that area, whose light is finite near it
+      strength = cosine * point.area / (square * PI + point.area);
+      return others & at.facing(wi) & (cosine > 0.0f);
+    };
+    auto passed = [&](Mask lanes) {
+      return transmittance(f, p, at.interaction.spawn_point, wi, distance * 0.9999f, at.hit.geom,
+                           lanes, 0, nullptr);
+    };
+    // are the outermost points all lit, or all in shadow?
+    Float lowest = splat(1.0f), highest = splat(0.0f);
+    Mask tested = mask_from_bits(0);
+    for (int k = 0; k < OUTERMOST && hidden; k++) {
+      Mask facing = reach(points[k]);
+      if (!any(facing)) continue;
+      tested = tested | facing;
+      Float share = passed(facing);
+      lowest = select(facing, min(lowest, share), lowest);
+      highest = select(facing, max(highest, share), highest);
+    }
+    Mask dark = mask_from_bits(0), partly = dark;
+    if (hidden) {
+      dark = tested & ~(highest > 0.0f);
+      partly = others & ~dark & (~tested | (lowest < 1.0f));
+    }
+    for (int k = 0; k < LAMP_POINTS; k++) {
+      Mask facing = reach(points[k]) & ~dark;
+      if (!any(facing)) continue;
+      if (any(facing & partly)) {
+        strength = select(partly, strength * passed(facing & partly), strength);
+        facing = facing & (strength > 0.0f);
+      }
+      Float value[CHANNELS];
+      at.reflected(wi, facing, value);
+      const LampPoint& point = points[k];
+      Received light;
+      for (int c = 0; c < 3; c++) light.colour[c] = splat(point.radiance[c]);
+      light.luminance = load(shares[0]) * point.radiance[0] + load(shares[1]) * point.radiance[1] +
+                        load(shares[2]) * point.radiance[2];
+      for (int c = 0; c < CHANNELS; c++) {
+        Float reached = value[c] * strength * of_channel<CHANNELS>(f, light, c);
+        at.out[c] = select(facing, at.out[c] + reached, at.out[c]);
+      }
+    }
+  }
+};
+
+// `trace`, with the light of the cache.
+inline void trace_hybrid(const Frame& f, const PathFrame& p, const IrradianceView& cache,
+                         NodeRequests& requests, int column, int row, const Outputs& out) {
+  HybridShading shading = {p, cache, requests};
+  for_channels(
+      f, [&]<int CHANNELS>() { trace_packet<CHANNELS>(shading, f, column, row, out, nullptr); });
+}
+
+// `refine`, with the light of the cache.
+inline void refine_hybrid(const Frame& f, const PathFrame& p, const IrradianceView& cache,
+                          NodeRequests& requests, int column, int row, unsigned pixels,
+                          float* luminance, float* rgb) {
+  HybridShading shading = {p, cache, requests};
+  for_channels(f, [&]<int CHANNELS>() {
+    refine_packet<CHANNELS>(shading, f, column, row, pixels, luminance, rgb, nullptr);
+  });
+}
+
+}  // namespace
+}  // namespace evs::EVS_NAMESPACE

@@ -1,0 +1,521 @@
+#include "irradiance/irradiance_cache.h"
+
+#include <algorithm>
+#include <cmath>
+#include <tuple>
+#include <utility>
+
+namespace evs {
+namespace {
+
+constexpr size_t MIN_ROOM = 1 << 16;
+constexpr int LANES = 32;       // at most, of a kernel
+constexpr float DISTANCE = 40;  // from which a lattice of spacing 1 is seen
+constexpr float SHEET = 4;      // as in node_lattice.inl
+
+auto order_of(const NodeKey& k) { return std::tie(k.geom, k.level, k.face, k.x, k.y, k.z); }
+
+bool before(const NodeRequest& a, const NodeRequest& b) {
+  if (order_of(a.key) != order_of(b.key)) return order_of(a.key) < order_of(b.key);
+  return is_before(a, b);
+}
+
+void rotate(const float* r, const float* v, float* out) {
+  for (int i = 0; i < 3; i++) out[i] = v[0] * r[3 * i] + v[1] * r[3 * i + 1] + v[2] * r[3 * i + 2];
+}
+
+float length(float x, float y, float z) { return std::sqrt(x * x + y * y + z * z); }
+
+// A node of a shape: its point and its outward normal, in the geom's frame.
+void surface_point(const Geom& g, const NodeKey& key, float* p, float* n) {
+  NodeLattice lattice = node_lattice(g, key.level);
+  const float at[3] = {static_cast<float>(key.x), static_cast<float>(key.y),
+                       static_cast<float>(key.z)};
+  const float* half = lattice.half;
+  for (int a = 0; a < 3; a++) n[a] = 0;
+  if (g.shape == PLANE) {
+    for (int a = 0; a < 2; a++) {
+      p[a] = at[a] * lattice.spacing;
+      if (g.size[a] > 0) p[a] = std::clamp(p[a], -g.size[a], g.size[a]);
+    }
+    p[2] = 0;
+    n[2] = 1;
+    return;
+  }
+  float c[3];  // on the surface of a cube
+  for (int a = 0; a < 3; a++) {
+    c[a] = at[a] * (2 / lattice.count[a]) - 1;
+    p[a] = c[a] * half[a];
+  }
+  switch (g.shape) {
+    case BOX:
+      n[key.face / 2] = key.face % 2 ? -1.0f : 1.0f;
+      return;
+    case CYLINDER: {
+      float ring = length(c[0], c[1], 0);
+      bool side = key.face == 6;
+      if (side || ring > 1) {
+        float inward = 1 / std::max(ring, 1e-6f);
+        p[0] *= inward;
+        p[1] *= inward;
+      }
+      if (!side) n[2] = key.face % 2 ? -1.0f : 1.0f;
+      for (int a = 0; a < 2 && side; a++) n[a] = p[a] / half[0];
+      return;
+    }
+    case CAPSULE: {
+      // from the centre to the barrel or, beyond its end, to the cap
+      float barrel = g.size[1], r = g.size[0], across = length(p[0], p[1], 0);
+      float t = across > 0 ? r / across : 2 * (barrel + r) / std::abs(p[2]);
+      if (std::abs(p[2]) * t > barrel) {
+        float square = across * across + p[2] * p[2], along = std::abs(p[2]) * barrel;
+        float root = along * along - square * (barrel * barrel - r * r);
+        t = (along + std::sqrt(std::max(root, 0.0f))) / square;
+      }
+      for (int a = 0; a < 3; a++) p[a] *= t;
+      for (int a = 0; a < 3; a++) n[a] = p[a];
+      n[2] -= std::clamp(p[2], -barrel, barrel);
+      break;
+    }
+    default: {  // sphere, ellipsoid
+      float inward = 1 / length(c[0], c[1], c[2]);
+      for (int a = 0; a < 3; a++) p[a] *= inward;
+      for (int a = 0; a < 3; a++) n[a] = p[a] / (half[a] * half[a]);
+    }
+  }
+  float scale = 1 / std::max(length(n[0], n[1], n[2]), 1e-30f);
+  for (int a = 0; a < 3; a++) n[a] *= scale;
+}
+
+bool is_mesh(const Geom& g) { return g.shape == MESH || g.shape == HFIELD; }
+
+}  // namespace
+
+IrradianceCache::IrradianceCache(long pixels, float spacing, int workers)
+    : max_nodes_(std::max(MIN_ROOM, 2 * static_cast<size_t>(pixels))),
+      spacing_(spacing),
+      workers_(workers) {
+  // points of a (0, m, 2) net: bit-reversed, and Sobol's second dimension
+  for (uint32_t i = 0; i < LAMP_POINTS; i++) {
+    uint32_t reversed = 0, second = 0, direction = 0x80000000u;
+    for (int bit = 0; 1u << bit < LAMP_POINTS; bit++) {
+      if (i >> bit & 1) reversed |= 1u << (31 - bit), second ^= direction;
+      direction ^= direction >> 1;
+    }
+    lamp_x_[i] = static_cast<float>(reversed >> 8) * 0x1p-24f + 0.5f / LAMP_POINTS;
+    lamp_y_[i] = static_cast<float>(second >> 8) * 0x1p-24f + 0.5f / LAMP_POINTS;
+  }
+  constexpr int room = CHUNK + LANES, VECTORS = 8, FLOATS = 3 * VECTORS + 2;
+  for (Worker& w : workers_) {
+    w.requests.owner = &w;
+    w.requests.keep = keep;
+    w.floats.resize(static_cast<size_t>(FLOATS) * room);
+    w.ints.resize(3 * room);
+    float* next = w.floats.data();
+    auto array = [&] { return std::exchange(next, next + room); };
+    NodeArray& n = w.nodes;
+    for (float** vector : {n.point, n.normal, n.geometric_normal, n.spawn_point, n.origin,
+                           n.direction, n.hit_point, n.hit_normal}) {
+      for (int a = 0; a < 3; a++) vector[a] = array();
+    }
+    n.path_length = array();
+    n.reach = array();
+    n.geom = w.ints.data();
+    n.hash = n.geom + room;
+    n.moved = n.hash + room;
+  }
+  clear();
+}
+
+// The outermost points first: one far from the middle, and each next one as far as can be from
+// those before.
+void IrradianceCache::add_lamp(const Kernel& kernel, const Frame& frame, const PathFrame& paths,
+                               int emitter) {
+  LampPoint points[LAMP_POINTS];
+  kernel.lamp_points(frame, paths, emitter, lamp_x_, lamp_y_, points);
+  auto square = [](V3 a, V3 b) {
+    V3 w = {a.x - b.x, a.y - b.y, a.z - b.z};
+    return w.x * w.x + w.y * w.y + w.z * w.z;
+  };
+  V3 middle = {0, 0, 0};
+  for (const LampPoint& p : points) {
+    constexpr float SHARE = 1.0f / LAMP_POINTS;
+    middle = {middle.x + p.position.x * SHARE, middle.y + p.position.y * SHARE,
+              middle.z + p.position.z * SHARE};
+  }
+  float apart[LAMP_POINTS];
+  for (int i = 0; i < LAMP_POINTS; i++) apart[i] = square(points[i].position, middle);
+  for (int k = 0; k < LAMP_POINTS; k++) {
+    int next = static_cast<int>(std::max_element(apart, apart + LAMP_POINTS) - apart);
+    lamp_order_.push_back(next);
+    for (int i = 0; i < LAMP_POINTS; i++) {
+      float far = square(points[i].position, points[next].position);
+      if (apart[i] >= 0) apart[i] = k == 0 ? far : std::min(apart[i], far);
+    }
+    apart[next] = -1;
+  }
+  lamps_.push_back(paths.emitters[emitter].geom);
+}
+
+void IrradianceCache::spread(const Kernel& kernel, const Frame& frame, const PathFrame& paths,
+                             int emitter, LampPoint* points) const {
+  LampPoint even[LAMP_POINTS];
+  kernel.lamp_points(frame, paths, emitter, lamp_x_, lamp_y_, even);
+  size_t lamp = 0;
+  while (lamps_[lamp] != paths.emitters[emitter].geom) lamp++;
+  const int* order = lamp_order_.data() + lamp * LAMP_POINTS;
+  for (int k = 0; k < LAMP_POINTS; k++) points[k] = even[order[k]];
+}
+
+void IrradianceCache::clear() {
+  nodes_.clear();
+  light_.clear();
+  used_.clear();
+  phase_.clear();
+  wanted_.clear();
+  for (Worker& w : workers_) w.kept.clear();
+  tick_ = 0;
+  coarser_ = 0;
+  rehash(1 << 12);
+  refresh_view();
+}
+
+void IrradianceCache::refresh_view() {
+  view_.slots = slots_.data();
+  view_.mask = static_cast<uint32_t>(slots_.size() - 1);
+  view_.light = light_.data();
+  view_.used = used_.data();
+  view_.spacing = std::ldexp(spacing_, coarser_);
+  view_.lamp_x = lamp_x_;
+  view_.lamp_y = lamp_y_;
+}
+
+void IrradianceCache::insert(int node) {
+  uint64_t hash = hash_of(nodes_[node].key);
+  size_t mask = slots_.size() - 1, at = hash & mask;
+  while (slots_[at].node >= 0) at = (at + 1) & mask;
+  slots_[at] = {static_cast<uint32_t>(hash >> 32), node};
+}
+
+void IrradianceCache::rehash(size_t slots) {
+  slots_.assign(slots, {0, -1});
+  for (int k = 0; k < size(); k++) insert(k);
+}
+
+// Place node `at` of the array on its shape, or the ray that finds it on its mesh.
+void IrradianceCache::place(const Geom& g, const Node& node, const NodeArray& to, int at) {
+  const NodeKey& key = node.key;
+  float spacing = lattice_spacing(key.level);
+  to.geom[at] = key.geom;
+  to.hash[at] = static_cast<int32_t>(hash_of(key));
+  to.path_length[at] = spacing * DISTANCE;
+  to.moved[at] = node.moved;
+  for (int a = 0; a < 3; a++) {
+    to.hit_point[a][at] = node.point[a];
+    to.hit_normal[a][at] = node.normal[a];
+  }
+  if (!is_mesh(g)) {
+    float p[3], n[3], point[3], normal[3];
+    surface_point(g, key, p, n);
+    if (node.moved) {
+      std::copy_n(node.point, 3, p);
+      std::copy_n(node.normal, 3, n);
+    }
+    rotate(g.rotation, p, point);
+    rotate(g.rotation, n, normal);
+    const float origin[3] = {g.position.x, g.position.y, g.position.z};
+    for (int a = 0; a < 3; a++) {
+      to.point[a][at] = to.spawn_point[a][at] = point[a] + origin[a];
+      to.normal[a][at] = to.geometric_normal[a][at] = normal[a];
+    }
+    return;
+  }
+  const int32_t lattice[3] = {key.x, key.y, key.z};
+  int axis = key.face / 2;
+  float side = key.face % 2 ? -1.0f : 1.0f;
+  for (int a = 0; a < 3; a++) {
+    to.direction[a][at] = a == axis ? -side : 0.0f;
+    float whole = static_cast<float>(lattice[a]);
+    // from half a spacing above the sheet
+    if (a == axis) whole = (whole + 0.5f) * SHEET + side * (0.5f * SHEET + 0.5f);
+    to.origin[a][at] = whole * spacing;
+  }
+  to.reach[at] = node.moved ? -1.0f : (SHEET + 1) * spacing;
+}
+
+// Trace some quarters of the paths of some nodes.
+void IrradianceCache::light(const Tracer& t, const std::vector<int32_t>& which, int first_quarter,
+                            int quarters, bool added) {
+  int count = static_cast<int>(which.size());
+  t.pool.run((count + CHUNK - 1) / CHUNK, [&](int job, int worker) {
+    NodeArray& array = workers_[worker].nodes;
+    int begin = job * CHUNK, end = std::min(begin + CHUNK, count);
+    array.count = end - begin;
+    for (int k = begin; k < end; k++) {
+      const Node& node = nodes_[which[k]];
+      place(t.frame.geoms[node.key.geom], node, array, k - begin);
+    }
+    for (int k = 0; k < array.count;) {
+      int geom = array.geom[k], first = k;
+      while (k < array.count && array.geom[k] == geom) k++;
+      if (is_mesh(t.frame.geoms[geom])) t.kernel.place_mesh_nodes(t.frame, array, first, k);
+    }
+    if (added) t.kernel.move_hidden_nodes(t.frame, array);
+    for (int k = 0; k < array.count; k++) {
+      nodes_[which[begin + k]].moved = array.moved[k];
+      const float* r = t.frame.geoms[array.geom[k]].rotation;
+      for (int a = 0; a < 3; a++) {
+        nodes_[which[begin + k]].facing[a] = array.normal[0][k] * r[a] +
+                                             array.normal[1][k] * r[3 + a] +
+                                             array.normal[2][k] * r[6 + a];
+      }
+    }
+    float sums[3 * CHUNK];
+    for (int q = first_quarter; q < first_quarter + quarters; q++) {
+      t.kernel.light_nodes(t.frame, t.paths, t.batches[worker], array, q * QUARTER, QUARTER, sums);
+      for (int k = 0; k < array.count; k++) {
+        std::copy_n(sums + 3 * k, 3, nodes_[which[begin + k]].quarter[q]);
+      }
+    }
+  });
+  paths_ += static_cast<long>(count) * quarters * QUARTER;
+}
+
+int IrradianceCache::find(const NodeKey& key) const {
+  uint64_t hash = hash_of(key);
+  size_t mask = slots_.size() - 1, at = hash & mask;
+  for (; slots_[at].node >= 0; at = (at + 1) & mask) {
+    if (slots_[at].check == static_cast<uint32_t>(hash >> 32)) return slots_[at].node;
+  }
+  return -1;
+}
+
+void IrradianceCache::own_mean(const Node& node, float* mean) const {
+  for (int c = 0; c < 3; c++) {
+    float sum = 0;
+    for (const auto& quarter : node.quarter) sum += quarter[c];
+    // a path that found no number adds nothing for ever
+    mean[c] = std::isfinite(sum) ? sum * (1.0f / SAMPLES) : 0;
+  }
+}
+
+// Find the mean of a node and its neighbours on the surface, with binomial weights; less of those
+// that face elsewhere.
+void IrradianceCache::average(const Frame& frame, int k) {
+  Node& node = nodes_[k];
+  constexpr float SAME_WAY = 0.9f;  // cosine from which neighbours count
+  int shape = frame.geoms[node.key.geom].shape;
+  bool flat = shape == PLANE || shape == BOX || shape == MESH || shape == HFIELD ||
+              (shape == CYLINDER && node.key.face < 6);
+  int across = flat ? node.key.face / 2 : -1;
+  float sum[3], total = 4;
+  own_mean(node, sum);
+  for (float& part : sum) part *= total;
+  for (int i = 0; i < 27; i++) {
+    int offset[3] = {i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1};
+    int moved = std::abs(offset[0]) + std::abs(offset[1]) + std::abs(offset[2]);
+    if (moved == 0 || (flat && offset[across] != 0)) continue;
+    NodeKey key = node.key;
+    key.x += offset[0];
+    key.y += offset[1];
+    key.z += offset[2];
+    int neighbour = find(key);
+    if (neighbour < 0) continue;
+    const Node& other = nodes_[neighbour];
+    float cosine = 0, mean[3];
+    for (int a = 0; a < 3; a++) cosine += node.facing[a] * other.facing[a];
+    float alike = std::clamp((cosine - SAME_WAY) / (1 - SAME_WAY), 0.0f, 1.0f);
+    float weight = std::ldexp(alike, 2 - moved);
+    own_mean(other, mean);
+    for (int c = 0; c < 3; c++) sum[c] += weight * mean[c];
+    total += weight;
+  }
+  for (int c = 0; c < 3; c++) node.mean[c] = sum[c] / total;
+}
+
+void IrradianceCache::settle(const Frame& frame) {
+  for (int k = 0; k < size(); k++) {
+    average(frame, k);
+    std::copy_n(nodes_[k].mean, 3, nodes_[k].before);
+    std::copy_n(nodes_[k].mean, 3, light_.data() + 4 * static_cast<size_t>(k));
+  }
+}
+
+// Forget the nodes that no pixel has read since the last sweep.
+void IrradianceCache::sweep() {
+  size_t kept = 0;
+  for (size_t k = 0; k < nodes_.size(); k++) {
+    if (!used_[k]) continue;
+    nodes_[kept] = nodes_[k];
+    phase_[kept] = phase_[k];
+    kept++;
+  }
+  std::fill(used_.begin(), used_.end(), uint8_t{0});
+  if (kept == nodes_.size()) return;
+  nodes_.resize(kept);
+  phase_.resize(kept);
+  used_.resize(kept);
+  light_.resize(4 * kept);
+  rehash(slots_.size());
+}
+
+void IrradianceCache::next_tick(const Tracer& t) {
+  tick_++;
+  if (tick_ % CYCLE_TICKS == 0) sweep();
+  int turn = static_cast<int>(tick_ % RENEWAL_TICKS);
+  int quarter = static_cast<int>(tick_ / RENEWAL_TICKS % QUARTERS);
+  due_.clear();
+  for (int k = 0; k < size(); k++) {
+    if (phase_[k] == turn) due_.push_back(k);
+  }
+  light(t, due_, quarter, 1, false);
+  int due = static_cast<int>(due_.size());
+  t.pool.run((due + CHUNK - 1) / CHUNK, [&](int job, int) {
+    for (int i = job * CHUNK; i < std::min((job + 1) * CHUNK, due); i++) {
+      Node& node = nodes_[due_[i]];
+      std::copy_n(node.mean, 3, node.before);
+      average(t.frame, due_[i]);
+    }
+  });
+  for (int k = 0; k < size(); k++) {
+    const Node& node = nodes_[k];
+    int step = (turn - phase_[k] + RENEWAL_TICKS) % RENEWAL_TICKS + 1;
+    float share = static_cast<float>(step) * (1.0f / RENEWAL_TICKS);
+    for (int c = 0; c < 3; c++) {
+      float light = node.before[c] + (node.mean[c] - node.before[c]) * share;
+      light_[4 * k + c] = step == RENEWAL_TICKS ? node.mean[c] : light;
+    }
+  }
+  refresh_view();
+}
+
+void IrradianceCache::keep(NodeRequests& requests) {
+  auto& kept = static_cast<Worker*>(requests.owner)->kept;
+  kept.insert(kept.end(), requests.at, requests.at + requests.count);
+  requests.count = 0;
+}
+
+bool IrradianceCache::collect(int worker) {
+  Worker& w = workers_[worker];
+  bool complete = w.requests.complete;
+  if (!complete) {
+    keep(w.requests);
+    w.requests.complete = true;
+  }
+  return complete;
+}
+
+bool IrradianceCache::add_requested(const Tracer& t) {
+  wanted_.clear();
+  for (Worker& w : workers_) {
+    wanted_.insert(wanted_.end(), w.kept.begin(), w.kept.end());
+    w.kept.clear();
+  }
+  std::sort(wanted_.begin(), wanted_.end(), before);
+  auto same = [](const NodeRequest& a, const NodeRequest& b) {
+    return order_of(a.key) == order_of(b.key);
+  };
+  wanted_.erase(std::unique(wanted_.begin(), wanted_.end(), same), wanted_.end());
+  if (nodes_.size() + wanted_.size() > max_nodes_) {
+    int coarser = coarser_ + 1;
+    long tick = tick_;
+    clear();
+    tick_ = tick;
+    coarser_ = coarser;
+    refresh_view();
+    return false;
+  }
+  size_t first = nodes_.size(), count = first + wanted_.size();
+  for (const NodeRequest& request : wanted_) {
+    Node node = {};
+    node.key = request.key;
+    std::copy_n(request.point, 3, node.point);
+    std::copy_n(request.normal, 3, node.normal);
+    nodes_.push_back(node);
+    phase_.push_back(hash_of(node.key) >> 60);
+  }
+  light_.resize(4 * count);
+  used_.resize(count);
+  size_t slots = slots_.size();
+  while (slots < 4 * count) slots *= 2;
+  if (slots > slots_.size()) {
+    rehash(slots);
+  } else {
+    for (size_t k = first; k < count; k++) insert(static_cast<int>(k));
+  }
+  due_.clear();
+  for (size_t k = first; k < count; k++) due_.push_back(static_cast<int32_t>(k));
+  light(t, due_, 0, QUARTERS, true);
+  for (size_t k = first; k < count; k++) {
+    average(t.frame, static_cast<int>(k));
+    std::copy_n(nodes_[k].mean, 3, nodes_[k].before);
+    std::copy_n(nodes_[k].mean, 3, light_.data() + 4 * k);
+  }
+  refresh_view();
+  return true;
+}
+
+size_t IrradianceCache::bytes() const {
+  return nodes_.capacity() * sizeof(Node) + light_.capacity() * sizeof(float) + used_.capacity() +
+         phase_.capacity() + slots_.capacity() * sizeof(NodeSlot);
+}
+
+void IrradianceCache::save(int32_t* ints, float* floats) const {
+  for (size_t k = 0; k < nodes_.size(); k++) {
+    const Node& node = nodes_[k];
+    const NodeKey& key = node.key;
+    const int32_t row[STATE_INTS] = {key.geom, key.level, key.face, key.x,
+                                     key.y,    key.z,     used_[k], node.moved};
+    ints = std::copy_n(row, STATE_INTS, ints);
+    for (auto [part, count] : {std::pair{node.point, 3},
+                               {node.normal, 3},
+                               {node.facing, 3},
+                               {node.quarter[0], 12},
+                               {node.before, 3},
+                               {node.mean, 3}}) {
+      floats = std::copy_n(part, count, floats);
+    }
+  }
+}
+
+bool IrradianceCache::restore(long tick, int coarser, int count, const int32_t* ints,
+                              const float* floats, int geoms) {
+  if (tick < 0 || coarser < 0 || coarser > 30 || static_cast<size_t>(count) > max_nodes_) {
+    return false;
+  }
+  for (int k = 0; k < count; k++) {
+    const int32_t* row = ints + static_cast<long>(k) * STATE_INTS;
+    if (row[0] < 0 || row[0] >= geoms || std::abs(row[1]) > 60 || row[2] < 0 || row[2] > 6) {
+      return false;
+    }
+  }
+  clear();
+  tick_ = tick;
+  coarser_ = coarser;
+  for (int k = 0; k < count; k++) {
+    const int32_t* row = ints + static_cast<long>(k) * STATE_INTS;
+    Node node = {};
+    node.key = {row[0], row[1], row[2], row[3], row[4], row[5]};
+    for (auto [part, size] : {std::pair{node.point, 3},
+                              {node.normal, 3},
+                              {node.facing, 3},
+                              {node.quarter[0], 12},
+                              {node.before, 3},
+                              {node.mean, 3}}) {
+      std::copy_n(floats, size, part);
+      floats += size;
+    }
+    nodes_.push_back(node);
+    phase_.push_back(hash_of(node.key) >> 60);
+    used_.push_back(row[6] != 0);
+    nodes_.back().moved = row[7] != 0;
+  }
+  light_.resize(4 * static_cast<size_t>(count));
+  size_t slots = slots_.size();
+  while (slots < 4 * static_cast<size_t>(count)) slots *= 2;
+  rehash(slots);
+  refresh_view();
+  return true;
+}
+
+}  // namespace evs

@@ -1,0 +1,132 @@
+// The irradiance cache of `hybrid`: diffuse light of the sky and of bounces at points of surfaces.
+// Scalar code around node_light.inl and node_lattice.inl.
+//
+// A node is lit by SAMPLES paths, which start in the same directions in every tick. A quarter of
+// them is traced again every RENEWAL_TICKS ticks, at each node in a tick that follows from its key.
+// The mean of a node and its neighbours, which has less noise, is then approached in RENEWAL_TICKS
+// equal steps. So
+//  - in a scene at rest no bit changes;
+//  - in one tick the light of a node changes by at most 1 / (4 RENEWAL_TICKS) of the largest change
+//    of a quarter of its paths and its neighbours';
+//  - nothing that is older than SETTLE_TICKS shows.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "irradiance.h"
+#include "path_scene.h"
+#include "thread_pool.h"
+
+namespace evs {
+
+class IrradianceCache {
+ public:
+  static constexpr int RENEWAL_TICKS = 16, QUARTERS = 4, QUARTER = 16;
+  static constexpr int SAMPLES = QUARTERS * QUARTER, CYCLE_TICKS = QUARTERS * RENEWAL_TICKS;
+  static constexpr int SETTLE_TICKS = CYCLE_TICKS + 2 * RENEWAL_TICKS;
+  // After so many ticks of a scene at rest, neither light nor the set of nodes can change.
+  static constexpr int REST_TICKS = 3 * CYCLE_TICKS;
+
+  // pixels: of the image; spacing: IrradianceView's, of the finest lattice.
+  IrradianceCache(long pixels, float spacing, int workers);
+
+  // What lights nodes: the kernel with a tick's frame.
+  struct Tracer {
+    const Kernel& kernel;
+    const Frame& frame;
+    const PathFrame& paths;
+    PathBatch* batches;  // one per worker
+    ThreadPool& pool;
+  };
+  // Forget the nodes that were not read lately, trace those whose turn it is again, and let the
+  // light of all approach its mean.
+  void next_tick(const Tracer& tracer);
+  // A tick at rest, in which nothing is read.
+  void skip_tick() { tick_++; }
+
+  const IrradianceView& view() const { return view_; }
+  // Add a glowing geom: find the order of its points, in a frame where it is not placed yet.
+  void add_lamp(const Kernel& kernel, const Frame& frame, const PathFrame& paths, int emitter);
+  // Spread points over it.
+  void spread(const Kernel& kernel, const Frame& frame, const PathFrame& paths, int emitter,
+              LampPoint* points) const;
+  // The view's surfaces and lamps.
+  void set_surfaces(const float* tint, const LampPoint* lamp_points) {
+    view_.tint = tint;
+    view_.lamp_points = lamp_points;
+  }
+  // Of one worker: empty before each packet.
+  NodeRequests& requests(int worker) { return workers_[worker].requests; }
+  // Keep what a packet has requested. Returns whether it was complete.
+  bool collect(int worker);
+  // Add and light the nodes that were requested. Returns false where there was no room: the lattice
+  // is then coarser, and every pixel must be traced again.
+  bool add_requested(const Tracer& tracer);
+  // After the first tick: average all nodes again, now that all neighbours are there.
+  void settle(const Frame& frame);
+
+  void clear();
+  int size() const { return static_cast<int>(nodes_.size()); }
+  long paths() const { return paths_; }
+  size_t bytes() const;
+
+  // The state, for saving: rows of STATE_INTS and STATE_FLOATS numbers.
+  static constexpr int STATE_INTS = 8, STATE_FLOATS = 27;
+  long tick() const { return tick_; }
+  int coarser() const { return coarser_; }
+  void save(int32_t* ints, float* floats) const;
+  // Returns false, and changes nothing, where they are damaged. geoms: of the scene.
+  bool restore(long tick, int coarser, int count, const int32_t* ints, const float* floats,
+               int geoms);
+
+ private:
+  struct Node {
+    NodeKey key;
+    float point[3], normal[3];   // of the hit that asked for it
+    int moved;                   // not 0: it lies there
+    float facing[3];             // normal where it lies, in the geom's frame
+    float quarter[QUARTERS][3];  // sums
+    float before[3], mean[3];    // with its neighbours
+  };
+  struct alignas(64) Worker {
+    NodeRequests requests;
+    std::vector<NodeRequest> kept;
+    std::vector<float> floats;
+    std::vector<int32_t> ints;
+    NodeArray nodes;
+  };
+  static constexpr int CHUNK = 128;  // nodes that are lit together
+
+  static void keep(NodeRequests& requests);
+  static void place(const Geom& g, const Node& node, const NodeArray& to, int at);
+  void light(const Tracer& tracer, const std::vector<int32_t>& which, int first_quarter,
+             int quarters, bool added);
+  void own_mean(const Node& node, float* mean) const;
+  void average(const Frame& frame, int k);
+  int find(const NodeKey& key) const;
+  void sweep();
+  void rehash(size_t slots);
+  void insert(int node);
+  void refresh_view();
+
+  size_t max_nodes_;
+  float spacing_;
+  std::vector<Node> nodes_;
+  std::vector<float> light_;    // (nodes, 4), of this tick
+  std::vector<uint8_t> used_;   // (nodes)
+  std::vector<uint8_t> phase_;  // (nodes) low bits of the hash
+  std::vector<NodeSlot> slots_;
+  std::vector<int32_t> due_;
+  std::vector<NodeRequest> wanted_;
+  std::vector<Worker> workers_;
+  float lamp_x_[LAMP_POINTS], lamp_y_[LAMP_POINTS];
+  std::vector<int> lamp_order_;  // (geoms that ever glowed, LAMP_POINTS)
+  std::vector<int> lamps_;       // those geoms
+  IrradianceView view_ = {};
+  long tick_ = 0;
+  int coarser_ = 0;  // by how many levels
+  long paths_ = 0;   // traced so far
+};
+
+}  // namespace evs

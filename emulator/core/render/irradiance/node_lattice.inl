@@ -1,0 +1,228 @@
+// The lattice of the irradiance cache, and reading it: irradiance is interpolated between the four
+// nodes of a cell, and where the camera's distance calls for it between two levels.
+//
+// The lattice lies in the geom's own frame, so it moves with the geom. Its spacing halves from
+// level to level, and the level follows from the distance from the camera. Shapes project it from
+// their bounding box: round ones from their centre, so that cells meet at the edges of the box.
+// Meshes project it along the axis that their normal is nearest to.
+#pragma once
+
+#include "geometry/intersect.inl"
+#include "irradiance.h"
+#include "shading/surface_interaction.inl"
+
+namespace evs::EVS_NAMESPACE {
+namespace {
+
+constexpr float BLEND_FROM = 1.75f;  // of the distances of a level, 1 ... 2
+constexpr int MIN_LEVEL = -40, MAX_LEVEL = 40;
+constexpr float SHEET = 4;  // spacings: parts of a mesh farther apart have nodes of their own
+
+// Points on the lattice of one geom.
+struct LatticePoint {
+  Int face;        // 2 axis + 1 on the negative side
+  Vec coordinate;  // the one along the face's axis is whole
+};
+
+EVS_INLINE Int face_of(Vec v, Mask& on_x, Mask& on_z) {
+  Float x = abs(v.x), y = abs(v.y), z = abs(v.z);
+  on_x = (x >= y) & (x >= z);
+  on_z = ~on_x & (z > y);
+  Float along = select(on_x, v.x, select(on_z, v.z, v.y));
+  Int axis = select(on_x, splat(0), select(on_z, splat(4), splat(2)));
+  return axis + select(along < 0.0f, splat(1), splat(0));
+}
+
+inline LatticePoint lattice_point(const Geom& g, const NodeLattice& lattice, Vec p, Vec n) {
+  LatticePoint out;
+  Float zero = splat(0.0f), one = splat(1.0f);
+  float inverse = 1.0f / lattice.spacing;
+  Mask on_x, on_z;
+  if (g.shape == PLANE) {
+    out.face = splat(4);
+    out.coordinate = {p.x * inverse, p.y * inverse, zero};
+    return out;
+  }
+  if (g.shape == MESH || g.shape == HFIELD) {
+    out.face = face_of(n, on_x, on_z);
+    Vec at = p * splat(inverse);
+    auto sheet = [](Float x) { return floor(x * (1 / SHEET)); };
+    out.coordinate = {select(on_x, sheet(at.x), at.x), select(on_x | on_z, at.y, sheet(at.y)),
+                      select(on_z, sheet(at.z), at.z)};
+    return out;
+  }
+  const float* half = lattice.half;
+  Vec q = {p.x * (1.0f / half[0]), p.y * (1.0f / half[1]), p.z * (1.0f / half[2])};
+  if (g.shape == CYLINDER) {
+    // the side is a square ring, the lids are squares
+    Mask lid = half[2] - abs(p.z) < half[0] - sqrt(p.x * p.x + p.y * p.y);
+    Float ring = max(max(abs(q.x), abs(q.y)), splat(1e-6f));
+    Int side = face_of({q.x, q.y, zero}, on_x, on_z);
+    on_x = on_x & ~lid;
+    on_z = lid;
+    out.face = select(lid, select(q.z < 0.0f, splat(5), splat(4)), side);
+    q = {select(lid, q.x, q.x / ring), select(lid, q.y, q.y / ring), q.z};
+  } else {
+    out.face = face_of(q, on_x, on_z);
+    if (is_smooth(g.shape)) {
+      Float largest = max(max(abs(q.x), abs(q.y)), max(abs(q.z), splat(1e-6f)));
+      q = {q.x / largest, q.y / largest, q.z / largest};
+    }
+  }
+  auto place = [&](Float x, Mask across, float count) {
+    x = select(across, select(x < 0.0f, -one, one), min(max(x, -one), one));
+    return (x + 1.0f) * (0.5f * count);
+  };
+  out.coordinate = {place(q.x, on_x, lattice.count[0]), place(q.y, ~on_x & ~on_z, lattice.count[1]),
+                    place(q.z, on_z, lattice.count[2])};
+  return out;
+}
+
+// The face of a node's key: round shapes share nodes between faces.
+EVS_INLINE int key_face(int shape, int face) {
+  if (is_smooth(shape)) return 0;
+  return shape == CYLINDER && face < 4 ? 6 : face;
+}
+
+// Find the place of a node, -1 where it is missing.
+EVS_INLINE int find_node(const IrradianceView& cache, const NodeKey& key) {
+  uint64_t hash = hash_of(key);
+  uint32_t check = static_cast<uint32_t>(hash >> 32);
+  for (uint32_t at = static_cast<uint32_t>(hash) & cache.mask;; at = (at + 1) & cache.mask) {
+    const NodeSlot& slot = cache.slots[at];
+    if (slot.node < 0) return -1;
+    if (slot.check == check) return slot.node;
+  }
+}
+
+// The nodes of a cell, and the lanes that lie in it.
+struct NodeCell {
+  int face, base[3], axis[2];
+};
+
+// Irradiance over pi: by colour, and the luminance that the surface reflects of it.
+struct Received {
+  Float colour[3], luminance;
+};
+
+// Of the hits of `lanes`, the one that comes first in an order that does not depend on the packet.
+inline void first_hit(Vec p, Vec n, unsigned lanes, NodeRequest& request) {
+  for (bool any_yet = false; lanes; lanes &= lanes - 1) {
+    int i = first_lane(lanes);
+    NodeRequest other = {request.key,
+                         {lane(p.x, i), lane(p.y, i), lane(p.z, i)},
+                         {lane(n.x, i), lane(n.y, i), lane(n.z, i)}};
+    if (!any_yet || is_before(other, request)) request = other;
+    any_yet = true;
+  }
+}
+
+// Add the irradiance that the lanes `here` of one geom read at one level, times `share`.
+template <bool COLOURS>
+void add_level(const IrradianceView& cache, NodeRequests& requests, const Geom& g, int geom,
+               int level, Vec p, Vec n, Float share, Mask here, Received& out) {
+  NodeLattice lattice = node_lattice(g, level);
+  LatticePoint at = lattice_point(g, lattice, p, n);
+  bool bounded = g.shape != PLANE && g.shape != MESH && g.shape != HFIELD;
+  // the cell's first node, and the place in the cell
+  Int axis = shift_right<1>(at.face);
+  Float base[3], fraction[3];
+  const Float coordinate[3] = {at.coordinate.x, at.coordinate.y, at.coordinate.z};
+  for (int a = 0; a < 3; a++) {
+    Float c = min(max(coordinate[a], splat(-1e9f)), splat(1e9f));
+    Mask across = axis == splat(a);
+    base[a] = floor(c);
+    if (bounded) base[a] = min(base[a], splat(lattice.count[a] - 1.0f));
+    base[a] = select(across, c, base[a]);
+    fraction[a] = c - base[a];
+  }
+  alignas(64) int faces[LANES], places[3][LANES];
+  store(faces, at.face);
+  Int place[3];
+  for (int a = 0; a < 3; a++) store(places[a], place[a] = truncate(base[a]));
+  // go cell by cell
+  for (unsigned left = to_bits(here); left;) {
+    int i = first_lane(left);
+    int face = faces[i];
+    NodeKey key = {geom, level, key_face(g.shape, face), places[0][i], places[1][i], places[2][i]};
+    Mask cell = (at.face == splat(face)) & (place[0] == splat(key.x)) & (place[1] == splat(key.y)) &
+                (place[2] == splat(key.z)) & mask_from_bits(left);
+    left &= ~to_bits(cell);
+    int u = face < 2 ? 1 : 0, v = face < 4 ? 2 : 1;
+    const float* light[4];
+    bool found = true;
+    for (int corner = 0; corner < 4; corner++) {
+      NodeKey node = key;
+      (u == 0 ? node.x : node.y) += corner & 1;
+      (v == 2 ? node.z : node.y) += corner >> 1;
+      int k = find_node(cache, node);
+      if (k >= 0) {
+        light[corner] = cache.light + 4 * static_cast<long>(k);
+        if (!__atomic_load_n(cache.used + k, __ATOMIC_RELAXED))
+          __atomic_store_n(cache.used + k, uint8_t{1}, __ATOMIC_RELAXED);
+        continue;
+      }
+      found = requests.complete = false;
+      if (requests.count == NodeRequests::ROOM) requests.keep(requests);
+      requests.at[requests.count] = {node, {0, 0, 0}, {0, 0, 0}};
+      first_hit(p, n, to_bits(cell), requests.at[requests.count++]);
+    }
+    if (!found) continue;
+    Float x = fraction[u], y = fraction[v];
+    auto interpolate = [&](float c0, float c1, float c2, float c3) {
+      Float low = splat(c0) + (c1 - c0) * x, high = splat(c2) + (c3 - c2) * x;
+      return (low + (high - low) * y) * share;
+    };
+    if (COLOURS) {
+      for (int c = 0; c < 3; c++) {
+        Float part = interpolate(light[0][c], light[1][c], light[2][c], light[3][c]);
+        out.colour[c] = select(cell, out.colour[c] + part, out.colour[c]);
+      }
+    }
+    const float* tint = cache.tint + 4 * g.surface;
+    float grey[4];
+    for (int k = 0; k < 4; k++)
+      grey[k] = light[k][0] * tint[0] + light[k][1] * tint[1] + light[k][2] * tint[2];
+    out.luminance = select(cell, out.luminance + interpolate(grey[0], grey[1], grey[2], grey[3]),
+                           out.luminance);
+  }
+}
+
+// Read the irradiance over pi at the hits of `lit`; its colours only where COLOURS. Nodes that are
+// missing are requested; the light is then wrong.
+template <bool COLOURS, int CHANNELS>
+void cached_irradiance(const Frame& f, const IrradianceView& cache, NodeRequests& requests,
+                       const Rays& rays, const Hit& hit,
+                       const SurfaceInteraction<CHANNELS>& interaction, Mask lit, Float path_length,
+                       Received& out) {
+  out.colour[0] = out.colour[1] = out.colour[2] = out.luminance = splat(0.0f);
+  // the level of each lane, and how much the next one counts
+  Float width =
+      f.orthographic ? splat(cache.spacing) : (path_length + hit.distance) * cache.spacing;
+  width = min(max(width, splat(1e-12f)), splat(1e12f));
+  Int bits = as_int(width);
+  Int level = shift_right<23>(bits) - splat(127);
+  Float mantissa = as_float((bits & splat(0x7fffff)) | splat(0x3f800000));
+  Float next = max((mantissa - BLEND_FROM) * (1 / (2 - BLEND_FROM)), splat(0.0f));
+  for (unsigned lanes = to_bits(lit); lanes;) {
+    int geom = lane(hit.geom, first_lane(lanes));
+    Mask here = (hit.geom == splat(geom)) & mask_from_bits(lanes);
+    lanes &= ~to_bits(here);
+    const Geom& g = f.geoms[geom];
+    Vec p = to_local(g.rotation, interaction.point - splat(g.position));
+    if (rays.common) p = splat(g.camera) + to_local(g.rotation, rays.direction) * hit.distance;
+    Vec n = to_local(g.rotation, interaction.geometric_normal);
+    for (unsigned left = to_bits(here); left;) {
+      int index = lane(level, first_lane(left));
+      Mask at_level = (level == splat(index)) & mask_from_bits(left);
+      left &= ~to_bits(at_level);
+      add_level<COLOURS>(cache, requests, g, geom, index, p, n, 1.0f - next, at_level, out);
+      at_level = at_level & (next > 0.0f);
+      if (any(at_level))
+        add_level<COLOURS>(cache, requests, g, geom, index + 1, p, n, next, at_level, out);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace evs::EVS_NAMESPACE

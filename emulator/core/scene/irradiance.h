@@ -1,0 +1,129 @@
+// What the kernels of `hybrid` read of the irradiance cache, and what they ask of it. Plain
+// structures, as in scene.h.
+#pragma once
+
+#include "scene.h"
+
+namespace evs {
+
+// A node of the cache: a point of a surface, on a lattice in the frame of its geom.
+struct NodeKey {
+  int32_t geom;
+  int32_t level;    // the lattice's spacing is at most 2^level m
+  int32_t face;     // part of the surface, across whose edges light is not continuous
+  int32_t x, y, z;  // of the lattice
+};
+
+// A node that is missing, and the hit that asks for it, in the geom's frame.
+struct NodeRequest {
+  NodeKey key;
+  float point[3], normal[3];
+};
+
+// Of several hits that ask for one node, the first is taken: an order of their bits.
+inline bool is_before(const NodeRequest& a, const NodeRequest& b) {
+  return __builtin_memcmp(a.point, b.point, sizeof a.point + sizeof a.normal) < 0;
+}
+
+// Where a packet asks for nodes.
+struct NodeRequests {
+  static constexpr int ROOM = 1024;
+  bool complete = true;  // nothing is missing
+  int count = 0;
+  NodeRequest at[ROOM];
+  void* owner = nullptr;
+  void (*keep)(NodeRequests&) = nullptr;  // empties it when it is full
+};
+
+// The hash table: linear probing; an entry is found by 64 bits of its key's hash.
+struct NodeSlot {
+  uint32_t check;
+  int32_t node;  // < 0: empty
+};
+
+// A point of a glowing geom, camera frame.
+struct LampPoint {
+  V3 position, normal;  // normal: unit
+  float area;           // that it stands for, m^2
+  float radiance[3];
+};
+constexpr int LAMP_POINTS = 64;  // on each glowing geom
+constexpr int BULB_POINTS = 16;  // on each bulb
+
+struct IrradianceView {
+  const NodeSlot* slots;
+  uint32_t mask;       // of the place in the table
+  const float* light;  // (nodes, 4) irradiance over pi by channel: what white paper reflects
+  uint8_t* used;       // (nodes) not 0: read since the last sweep
+  float spacing;       // largest, for 1 m of distance; orthographic: m
+  const float *lamp_x, *lamp_y;  // (LAMP_POINTS) evenly spread points, 0 ... 1
+  // (emitters, LAMP_POINTS), the outermost first
+  const LampPoint* lamp_points;
+  // (surfaces, 4) weight of each colour in the luminance that the surface reflects, relative to
+  // that of white light
+  const float* tint;
+};
+
+// Nodes whose light is to be found, camera frame: structure of arrays.
+struct NodeArray {
+  int count;
+  float *point[3], *normal[3], *geometric_normal[3], *spawn_point[3];
+  float* path_length;  // m: a camera so far away would see the lattice as it is
+  int32_t *geom, *hash;
+  // of nodes on meshes, local frame: a ray down to the surface, up to `reach`
+  float *origin[3], *direction[3], *reach;
+  // the hit that asked for the node, local frame, which takes its place where that ray meets
+  // nothing, or where something lies between them
+  float *hit_point[3], *hit_normal[3];
+  int32_t* moved;  // not 0: it lies where that hit was
+};
+
+inline uint64_t mix_bits(uint64_t a) {
+  a = (a ^ (a >> 33)) * 0xff51afd7ed558ccdull;
+  a = (a ^ (a >> 33)) * 0xc4ceb9fe1a85ec53ull;
+  return a ^ (a >> 33);
+}
+inline uint64_t hash_of(const NodeKey& k) {
+  uint64_t where = (static_cast<uint64_t>(static_cast<uint32_t>(k.geom)) << 32) |
+                   (static_cast<uint64_t>(static_cast<uint32_t>(k.level + 256)) << 8) |
+                   static_cast<uint32_t>(k.face);
+  uint64_t place = static_cast<uint64_t>(static_cast<int64_t>(k.x)) * 0x9e3779b97f4a7c15ull +
+                   static_cast<uint64_t>(static_cast<int64_t>(k.y)) * 0xc2b2ae3d27d4eb4full +
+                   static_cast<uint64_t>(static_cast<int64_t>(k.z)) * 0x165667b19e3779f9ull;
+  return mix_bits(mix_bits(where) + place);
+}
+
+// How the lattice of a bounded shape divides its bounding box.
+struct NodeLattice {
+  float spacing;   // m, of planes and meshes
+  float half[3];   // of the bounding box
+  float count[3];  // cells along each axis, powers of two
+};
+
+inline float lattice_spacing(int level) {
+  return __builtin_bit_cast(float, static_cast<uint32_t>(level + 127) << 23);
+}
+
+inline NodeLattice node_lattice(const Geom& g, int level) {
+  NodeLattice lattice = {lattice_spacing(level), {g.size[0], g.size[1], g.size[2]}, {1, 1, 1}};
+  float* half = lattice.half;
+  if (g.shape == SPHERE) half[1] = half[2] = half[0];
+  if (g.shape == CAPSULE) half[2] = half[0] + g.size[1];
+  if (g.shape == CYLINDER) half[2] = g.size[1];
+  if (g.shape == CAPSULE || g.shape == CYLINDER) half[1] = half[0];
+  if (g.shape == PLANE || g.shape == MESH || g.shape == HFIELD) return lattice;
+  for (int a = 0; a < 3; a++) {
+    // the smallest power of two that is enough
+    float cells = 2 * half[a] / lattice.spacing;
+    if (!(cells > 1)) continue;
+    uint32_t bits = __builtin_bit_cast(uint32_t, cells < 65536 ? cells : 65536.0f);
+    lattice.count[a] = __builtin_bit_cast(float, (bits + 0x7fffff) & 0x7f800000u);
+  }
+  return lattice;
+}
+
+inline bool is_smooth(int shape) {
+  return shape == SPHERE || shape == CAPSULE || shape == ELLIPSOID;
+}
+
+}  // namespace evs

@@ -1,0 +1,127 @@
+"""The `hybrid` renderer: direct light at every pixel, diffuse light of sky and bounces cached."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator.base.scene import F32, I32, CameraModel, CameraPose, SceneModel, SceneSnapshot
+from evs.emulator.config import RenderConfig
+from evs.emulator.render.direct import DirectRenderer
+from evs.emulator.state import number, numbers
+from evs.msgs import EvsError
+
+MAX_TICKS = 2**62
+MAX_COARSER = 30
+DAMAGED = "saved state is damaged: the cache of the renderer is invalid; save it again"
+
+
+class HybridRenderer(DirectRenderer):
+    """Soft light without noise: what changes fast is traced, what changes slowly is cached.
+
+    Lamps, glowing geoms, gloss and mirrors are evaluated at every pixel of every tick. The diffuse
+    light of the sky and of bounces is cached on surfaces and follows changes within 96 ticks. The
+    cache begins empty and is filled before the first light is given.
+    """
+
+    integrator = "hybrid"
+
+    def __init__(
+        self,
+        scene: SceneModel,
+        camera: CameraModel,
+        config: RenderConfig,
+        threads: int,
+        rgb: bool = False,
+        seed: int = 0,
+        switches: Switches = UNFORCED,
+        like: DirectRenderer | None = None,
+    ) -> None:
+        """Build the caster.
+
+        Args:
+            scene: As of DirectRenderer.
+            camera: As of DirectRenderer.
+            config: As of DirectRenderer.
+            threads: As of DirectRenderer.
+            rgb: As of DirectRenderer.
+            seed: What the directions of the cached light follow from.
+            switches: As of DirectRenderer.
+            like: As of DirectRenderer.
+        """
+        super().__init__(scene, camera, config, threads, rgb, switches, like)
+        self._own["cached_light"] = True
+        self.reseed(seed)
+
+    def reseed(self, seed: int) -> None:
+        """The cached light follows from `seed` from the next call on."""
+        drawn = np.random.SeedSequence(seed % 2**64).generate_state(1, np.uint32)
+        self._noise = int(drawn.view(np.int32)[0])
+
+    def trace(self, snapshot: SceneSnapshot, pose: CameraPose, pixels: I32) -> F32:
+        """Trace single pixels of the next tick. It is rendered whole: the cache is that of a tick.
+
+        Args:
+            snapshot: The world at its end.
+            pose: Where the camera is.
+            pixels: (n, 2) columns and rows inside the image.
+
+        Returns:
+            (n,) float32 linear luminance.
+        """
+        columns, rows = np.asarray(pixels).T
+        traced: F32 = self.render(snapshot, pose)[rows, columns]
+        return traced
+
+    def restart(self) -> None:
+        """Forget the cached light: the next tick fills the cache anew."""
+        self._caster.restart()
+
+    def render_again(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
+        """As of Renderer."""
+        del snapshot, pose
+        return self._luminance
+
+    def save(self) -> dict[str, Any]:
+        """Named arrays of the cache and of the last light, which `restoring` takes back."""
+        tick, coarser, keys, light = self._caster.save_irradiance()
+        saved = {"keys": keys, "light": light, "luminance": self._luminance.copy()}
+        if self._rgb is not None:
+            saved["rgb"] = self._rgb.copy()
+        return {**saved, **numbers(tick=tick, coarser=coarser)}
+
+    def restoring(self, saved: Mapping[str, Any]) -> Callable[[], None]:
+        """Check a saved cache; the function that is returned puts it in place.
+
+        Raises:
+            EvsError: It is damaged.
+        """
+        tick = number(saved, "tick", 0, MAX_TICKS)
+        coarser = number(saved, "coarser", 0, MAX_COARSER)
+        keys = _array(saved, "keys", np.int32, (-1, 8))
+        light = _array(saved, "light", np.float32, (len(keys), 27))
+        pictures: list[tuple[F32, F32]]
+        pictures = [(self._luminance, _array(saved, "luminance", np.float32, self.shape))]
+        if self._rgb is not None:
+            pictures.append((self._rgb, _array(saved, "rgb", np.float32, self._rgb.shape)))
+
+        def put() -> None:
+            if not self._caster.restore_irradiance(tick, coarser, keys, light):
+                raise EvsError(DAMAGED)
+            for now, before in pictures:
+                now[:] = before
+
+        return put
+
+
+def _array(saved: Mapping[str, Any], name: str, dtype: type, shape: tuple[int, ...]) -> Any:
+    """An array of a saved state; -1: any length. EvsError where it is another."""
+    array = saved.get(name)
+    if not isinstance(array, np.ndarray) or array.dtype != dtype or array.ndim != len(shape):
+        raise EvsError(DAMAGED)
+    if any(want not in (-1, have) for want, have in zip(shape, array.shape, strict=True)):
+        raise EvsError(DAMAGED)
+    return np.ascontiguousarray(array)

@@ -1,0 +1,289 @@
+"""The `hybrid` renderer: soft light whose slow part is cached on surfaces.
+
+Its reference is `path`: the same light, converged. What it promises of time is tested by bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from evs.emulator import World, _core
+from evs.emulator.base.scene import CameraPose, LightKind, Shape
+from evs.emulator.config import RenderConfig, SensorConfig
+from evs.emulator.render import make_renderer
+from evs.emulator.render.hybrid import HybridRenderer
+from evs.msgs import EvsError
+from reference import path_stages
+from reference.random_scenes import RandomStage
+from reference.stage import Builder, Stage, matt, matt_rgb
+
+HYBRID = RenderConfig(renderer="hybrid", spp=2)
+RENEWAL, QUARTERS = 16, 4
+SETTLED = RENEWAL * (QUARTERS + 2)
+DROPPED = 2 * RENEWAL * QUARTERS
+REST = 3 * RENEWAL * QUARTERS
+
+
+def renderer_of(
+    stage: RandomStage | Stage, threads: int = 1, rgb: bool = False, **render: object
+) -> HybridRenderer:
+    own = stage.render if isinstance(stage, RandomStage) else {}
+    config = replace(HYBRID, **{**own, **render})  # type: ignore[arg-type]
+    made = make_renderer(stage.scene, stage.camera, config, threads, rgb=rgb)
+    assert isinstance(made, HybridRenderer)
+    return made
+
+
+def film_of(stage: RandomStage, ticks: int, moves: float = 0.02) -> list:
+    """Instants at which the geoms and the camera have moved."""
+    frames = []
+    pos = stage.pose.pos.copy()
+    for tick in range(ticks):
+        frames.append((stage.snapshot(1000 * tick), CameraPose(pos.copy(), stage.pose.mat)))
+        stage.geom_pos += stage.rng.normal(size=stage.geom_pos.shape) * moves
+        pos += stage.rng.normal(size=3) * moves
+    return frames
+
+
+@pytest.mark.parametrize("antialiasing", ["fixed", "adaptive"])
+@pytest.mark.parametrize("seed", range(6))
+def test_threads_and_instruction_sets_change_no_byte(seed: int, antialiasing: str) -> None:
+    film = film_of(RandomStage(seed, rich=True, size=(39, 27)), 5)
+    lights = []
+    for threads, isa in [(3, "auto"), *((1, isa) for isa in _core.isa_available())]:
+        stage = RandomStage(seed, rich=True, size=(39, 27))
+        one = renderer_of(stage, threads, isa=isa, antialiasing=antialiasing)
+        lights.append([one.render(*instant).tobytes() for instant in film])
+    assert all(light == lights[0] for light in lights[1:])
+
+
+@pytest.mark.parametrize("antialiasing", ["fixed", "adaptive"])
+@pytest.mark.parametrize("seed", range(4))
+def test_colour_leaves_the_luminance_as_it_is(seed: int, antialiasing: str) -> None:
+    stage = RandomStage(seed, size=(39, 27))
+    film = film_of(stage, 3)
+    grey = renderer_of(stage, antialiasing=antialiasing)
+    colour = renderer_of(stage, rgb=True, antialiasing=antialiasing)
+    for instant in film:
+        np.testing.assert_array_equal(grey.render(*instant), colour.render(*instant))
+        assert colour.rgb is not None
+        # grey light on coloured textures takes their mean colour for the luminance
+        np.testing.assert_allclose(
+            colour.rgb @ [0.2126, 0.7152, 0.0722], colour._luminance, rtol=0.15, atol=0.02
+        )
+
+
+def test_single_pixels_are_those_of_the_picture() -> None:
+    stage = RandomStage(3, size=(23, 17))
+    film = film_of(stage, 4)
+    whole, single = renderer_of(stage), renderer_of(stage)
+    pixels = np.array([[0, 0], [22, 16], [7, 3]], np.int32)
+    for instant in film:
+        expected = whole.render(*instant)[pixels[:, 1], pixels[:, 0]]
+        np.testing.assert_array_equal(single.trace(*instant, pixels), expected)
+
+
+@pytest.mark.parametrize("antialiasing", ["fixed", "adaptive"])
+def test_a_scene_at_rest_keeps_every_byte_and_then_traces_nothing(antialiasing: str) -> None:
+    stage = RandomStage(5, rich=True, size=(39, 27))
+    kept = renderer_of(stage, antialiasing=antialiasing)
+    full = renderer_of(stage, antialiasing=antialiasing, incremental=False)
+    instant = film_of(stage, 1)[0]
+    first = full.render(*instant).copy()
+    for tick in range(REST + 4):
+        np.testing.assert_array_equal(kept.render(*instant), first)
+        np.testing.assert_array_equal(full.render(*instant), first)
+        assert kept.traced_fraction == (1 if tick <= REST else 0)
+        assert full.traced_fraction == 1
+
+
+def moving(stage: RandomStage, ticks: int) -> list:
+    """Geoms that move for a while, rest until nothing is traced, and move on."""
+    rest = film_of(stage, 1)[0]
+    before = film_of(stage, 8)
+    return [*before, *[rest] * (REST + 30), *film_of(stage, ticks)]
+
+
+def test_incremental_equals_full_tracing() -> None:
+    stage = RandomStage(7, size=(31, 23))
+    film = moving(stage, 24)
+    kept, full = renderer_of(stage), renderer_of(stage, incremental=False)
+    fractions = []
+    for instant in film:
+        np.testing.assert_array_equal(kept.render(*instant), full.render(*instant))
+        fractions.append(kept.traced_fraction)
+    assert 0 in fractions
+
+
+def test_a_restart_gives_the_bytes_of_a_fresh_start() -> None:
+    stage = RandomStage(3, size=(23, 17))
+    film = film_of(stage, 12, moves=0.05)
+    used, new = renderer_of(stage), renderer_of(stage)
+    for instant in film[:9]:
+        used.render(*instant)
+    used.restart()
+    for instant in film[9:]:
+        np.testing.assert_array_equal(used.render(*instant), new.render(*instant))
+
+
+def test_a_saved_cache_goes_on_with_the_same_bytes() -> None:
+    stage = RandomStage(3, size=(23, 17))
+    film = film_of(stage, 90, moves=0.01)
+    one = renderer_of(stage)
+    for instant in film[:70]:
+        one.render(*instant)
+    other = renderer_of(stage)
+    other.restoring(one.save())()
+    np.testing.assert_array_equal(other.render_again(*film[69]), one._luminance)
+    for instant in film[70:]:
+        np.testing.assert_array_equal(other.render(*instant), one.render(*instant))
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda saved: saved.pop("keys"),
+        lambda saved: saved.update(light=saved["light"][1:]),
+        lambda saved: saved.update(light=saved["light"].astype(np.float64)),
+        lambda saved: saved.update(luminance=saved["luminance"][1:]),
+        lambda saved: saved.update(tick=np.array(-1)),
+        lambda saved: saved["keys"].__setitem__((0, 0), 10_000),
+        lambda saved: saved["keys"].__setitem__((0, 1), 1000),
+    ],
+)
+def test_damaged_states_are_refused(damage: Callable[[dict], object]) -> None:
+    stage = RandomStage(3, size=(23, 17))
+    one = renderer_of(stage)
+    expected = one.render(*film_of(stage, 1)[0]).copy()
+    saved = one.save()
+    damage(saved)
+    with pytest.raises(EvsError, match="saved state is damaged"):
+        renderer_of(stage).restoring(saved)()
+    np.testing.assert_array_equal(one._luminance, expected)
+
+
+def night_and_day() -> tuple[Stage, Stage]:
+    """A box in a corner; and the same with something else in front of it."""
+
+    def of(x: float) -> Stage:
+        made = Builder()
+        made.add(Shape.PLANE, (2, 2, 1), (0, 0, 0), matt(0.7))
+        made.add(Shape.BOX, (0.05, 1, 1), (-1, 0, 1), matt_rgb((0.8, 0.2, 0.2)))
+        made.add(Shape.SPHERE, (0.3,), (x, 0, 0.5), matt(0.5))
+        made.shine(LightKind.POINT, (0.2, -1, 2), attenuation=(0, 0, 1), diffuse=(2, 2, 2))
+        made.shine(
+            LightKind.DIRECTIONAL, towards=(0, 0, -1), ambient=(0.3, 0.3, 0.3), diffuse=(0, 0, 0)
+        )
+        return made.look((0.4, -3, 1.2), (0, 0, 0.5))
+
+    return of(0.4), of(-0.5)
+
+
+def test_what_changed_is_forgotten_after_a_known_time() -> None:
+    before, after = night_and_day()
+    one, fresh = renderer_of(before), renderer_of(after)
+    one.render(before.shot, before.pose)
+    for _ in range(SETTLED):
+        light = one.render(after.shot, after.pose)
+    expected = fresh.render(after.shot, after.pose)
+    # but for nodes that what stood there before had pushed aside
+    apart = np.abs(light - expected) > 0.02 * expected + 1e-4
+    assert apart.mean() < 0.002
+    # nodes that are no longer seen are dropped, and their neighbours settle
+    for _ in range(DROPPED):
+        light = one.render(after.shot, after.pose)
+    rest = light.copy()
+    for _ in range(QUARTERS * RENEWAL):
+        np.testing.assert_array_equal(one.render(after.shot, after.pose), rest)
+
+
+def test_cached_light_changes_in_small_equal_steps() -> None:
+    before, after = night_and_day()
+    dark = tuple(replace(light, diffuse=(0.0, 0.0, 0.0)) for light in before.scene.lights)
+    # the sky alone : all of its light is cached
+    sky = replace(before, scene=replace(before.scene, lights=dark))
+    one = renderer_of(sky, spp=1)
+    old = one.render(sky.shot, sky.pose).copy()
+    lights = [one.render(after.shot, after.pose).copy() for _ in range(SETTLED + 1)]
+    # where the picture shows the same geom before and after, light goes from old to new
+    same = one.hits(before.shot, before.pose)[0] == one.hits(after.shot, after.pose)[0]
+    steps = np.abs(np.diff([old, *lights], axis=0))[1:, same]
+    whole = np.abs(lights[-1] - old)[same].max()
+    assert whole > 0.05 * old.max()
+    # all quarters could change by four times as much as their mean
+    assert steps.max() <= 1.01 * old.max() / (RENEWAL * QUARTERS)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize(
+    ("name", "block"),
+    [
+        ("sun", 0.03), ("bare_bulb", 0.03), ("dome", 0.03), ("sky", 0.03), ("sunset", 0.03),
+        ("swell", 0.03), ("panel", 0.05), ("room", 0.05), ("bulb", 0.07), ("glass", 0.08),
+    ],
+)  # fmt: skip
+def test_light_is_that_of_converged_paths(name: str, block: float) -> None:
+    stage = getattr(path_stages, name)()
+    config = replace(stage.render, renderer="path", spp=1024, bounces=stage.bounces)
+    path = make_renderer(stage.scene, stage.camera, config, 0).render(stage.shot, stage.pose)
+    ours = renderer_of(stage, 0, spp=16, bounces=stage.bounces).render(stage.shot, stage.pose)
+    error = (ours - path).astype(float)
+    assert abs(error.mean()) < 0.01 * path.mean()
+    h, w = (side // 8 * 8 for side in path.shape)
+    blocks = error[:h, :w].reshape(h // 8, 8, w // 8, 8).mean((1, 3))
+    assert np.abs(blocks).max() < block * path.mean()
+
+
+ROOM = """
+<mujoco>
+  <option timestep=".001" gravity="0 0 0"/>
+  <visual><headlight ambient=".3 .3 .3"/></visual>
+  <worldbody>
+    <light pos="0 -1 3" bulbradius=".4"/>
+    <geom type="plane" size="3 3 1" rgba=".6 .6 .6 1"/>
+    <geom name="post" type="box" size=".1 .1 .5" pos="0 0 .5" rgba=".8 .3 .2 1"/>
+    <body name="ball" pos=".5 .2 .6"><joint name="x" type="slide" axis="1 0 0"/>
+      <geom size=".15" rgba=".2 .7 .3 1"/></body>
+    <camera name="eye" pos="0 -3 1" xyaxes="1 0 0 0 .3 1"/>
+    <camera name="other" pos="0 -2 1" xyaxes="1 0 0 0 .3 1"/>
+  </worldbody>
+</mujoco>
+"""
+SENSOR = SensorConfig("ideal", width=48, height=36)
+
+
+def a_world(cameras: int = 1) -> World:
+    world = World(mujoco.MjModel.from_xml_string(ROOM), threads=1)
+    for name in ("eye", "other")[:cameras]:
+        world.add_camera(name, sensor=SENSOR, render=HYBRID)
+    return world
+
+
+def events_of(world: World, ticks: int) -> list[bytes]:
+    """Of the first camera."""
+    return [b"".join(packet.events.tobytes() for packet in world.step()[:1]) for _ in range(ticks)]
+
+
+@pytest.mark.slow
+def test_a_still_scene_is_silent_for_a_minute() -> None:
+    world = a_world()
+    assert sum(len(packet.events) for _ in range(60_000) for packet in world.step()) == 0
+
+
+def test_a_restored_world_and_one_with_another_camera_see_the_same() -> None:
+    world, more, other = a_world(), a_world(2), a_world()
+    for each in (world, more):
+        each.data.qvel[0] = 2.0
+    first = events_of(world, 80)
+    assert sum(map(len, first)) > 1000
+    assert events_of(more, 80) == first
+    other.restore(world.save())
+    assert events_of(other, 40) == events_of(world, 40)
+    world.reset()
+    world.data.qvel[0] = 2.0
+    assert events_of(world, 80) == first
