@@ -28,7 +28,7 @@ class Optics:
 class Tracing:
     """How light is computed, and what is output."""
 
-    def __init__(self, *, samples: int = 1, adaptive: bool = False, shadows: bool = True, incremental: bool = False, rgb: bool = False, integrator: str = 'direct', bounces: int = 0, sample_set: str = 'owen', block: int = 0, blocks: int = 1, forced: Mapping[str, bool] = {}) -> None:
+    def __init__(self, *, samples: int = 1, adaptive: bool = False, shadows: bool = True, incremental: bool = False, rgb: bool = False, integrator: str = 'direct', bounces: int = 0, sample_set: str = 'owen', block: int = 0, blocks: int = 1, nodes: int = 0, forced: Mapping[str, bool] = {}) -> None:
         """
         Args:
             samples: The number of samples per pixel.
@@ -40,6 +40,7 @@ class Tracing:
             bounces: The largest number of bounces of a path.
             sample_set: The sampler of path: sobol, owen, global, random or anchored.
             block, blocks: Which block of a point set the samples of path are, of how many.
+            nodes: The most nodes of hybrid's cache; 0 for as many as the image needs.
             forced: Features by name that are forced on (the output keeps its bytes) or
                 off, for tests.
         """
@@ -262,7 +263,8 @@ class Caster:
     def work(self) -> dict[str, int]:
         """
         The work done so far: ticks; packets of 4 x 4 pixels that were tested against
-        moving geoms, traced and relit; BVHs that were built and refitted.
+        moving geoms, traced and relit; BVHs that were built and refitted; with
+        hybrid the nodes and bytes of its cache, and the paths traced for them.
         """
 
 def events_fit(raw: bytes | memoryview, base_us: int, end_us: int, width: int, height: int) -> bool:

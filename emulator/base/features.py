@@ -100,7 +100,7 @@ NAMES = tuple(feature.name for feature in FEATURES)
 NATIVE = (
     *("colour", "physical_gloss", "normal_maps", "texture_filter", "fog", "haze", "shadows"),
     *("plane_shadows", "full_retrace", "refits", "glowing", "transparent"),
-    *("hierarchy", "light_reach"),
+    *("hierarchy", "light_reach", "cached_light"),
 )
 """Those that the native tracer decides: core/render/feature_flags.h."""
 

@@ -15,7 +15,7 @@ from evs.emulator.state import number, numbers
 from evs.msgs import EvsError
 
 MAX_TICKS = 2**62
-MAX_COARSER = 30
+MAX_COARSER = 20
 DAMAGED = "saved state is damaged: the cache of the renderer is invalid; save it again"
 
 
@@ -53,7 +53,6 @@ class HybridRenderer(DirectRenderer):
             like: As of DirectRenderer.
         """
         super().__init__(scene, camera, config, threads, rgb, switches, like)
-        self._own["cached_light"] = True
         self.reseed(seed)
 
     def reseed(self, seed: int) -> None:

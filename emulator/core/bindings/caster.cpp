@@ -60,16 +60,26 @@ Optics* make_optics(int width, int height, double fx, double fy, double cx, doub
 
 Tracing* make_tracing(int samples, bool adaptive, bool shadows, bool incremental, bool rgb,
                       const std::string& integrator, int bounces, const std::string& sample_set,
-                      int block, int blocks, const FeatureFlags& forced) {
+                      int block, int blocks, int nodes, const FeatureFlags& forced) {
   require(samples >= 1 && samples <= 4096, "samples: 1 ... 4096");
   bool path = integrator == "path", hybrid = integrator == "hybrid";
   require(path || hybrid || integrator == "direct", "the integrator is direct, hybrid or path");
   require(bounces >= 0 && bounces <= 1000, "bounces: 0 ... 1000");
+  require(nodes >= 0, "nodes: 0 or more");
   require(blocks >= 1 && blocks <= 64 && block >= 0 && block < blocks, "blocks: 1 ... 64");
-  return new Tracing{samples,     adaptive, shadows,
-                     incremental, rgb,      path,
-                     hybrid,      bounces,  sample_set_of(sample_set),
-                     block,       blocks,   ForcedFeatures(forced)};
+  return new Tracing{samples,
+                     adaptive,
+                     shadows,
+                     incremental,
+                     rgb,
+                     path,
+                     hybrid,
+                     bounces,
+                     sample_set_of(sample_set),
+                     nodes,
+                     block,
+                     blocks,
+                     ForcedFeatures(forced)};
 }
 
 void set_geoms(SceneData& s, In<int32_t, N> type, In<float, N, 3> size, In<int32_t, N> mesh,
@@ -336,16 +346,18 @@ bool restore_irradiance(BoundCaster& b, long tick, int coarser,
 
 std::map<std::string, long> work_of(const BoundCaster& b) {
   const WorkCounters& w = b.caster.work();
-  const IrradianceCache* cache = b.caster.irradiance();
-  return {{"cache_nodes", cache ? cache->size() : 0},
-          {"cache_paths", cache ? cache->paths() : 0},
-          {"cache_bytes", cache ? static_cast<long>(cache->bytes()) : 0},
-          {"ticks", w.ticks},
-          {"packets_asked", w.packets_tested},
-          {"packets_traced", w.packets_traced},
-          {"packets_relit", w.packets_relit},
-          {"trees_built", w.bvhs_built},
-          {"trees_refitted", w.bvhs_refitted}};
+  std::map<std::string, long> work = {{"ticks", w.ticks},
+                                      {"packets_asked", w.packets_tested},
+                                      {"packets_traced", w.packets_traced},
+                                      {"packets_relit", w.packets_relit},
+                                      {"trees_built", w.bvhs_built},
+                                      {"trees_refitted", w.bvhs_refitted}};
+  if (const IrradianceCache* cache = b.caster.irradiance()) {
+    work["cache_nodes"] = cache->size();
+    work["cache_paths"] = cache->paths();
+    work["cache_bytes"] = static_cast<long>(cache->bytes());
+  }
+  return work;
 }
 
 }  // namespace
@@ -371,7 +383,7 @@ void bind_caster(nb::module_& m) {
            nb::arg("adaptive") = false, nb::arg("shadows") = true, nb::arg("incremental") = false,
            nb::arg("rgb") = false, nb::arg("integrator") = "direct", nb::arg("bounces") = 0,
            nb::arg("sample_set") = "owen", nb::arg("block") = 0, nb::arg("blocks") = 1,
-           nb::arg("forced") = FeatureFlags{},
+           nb::arg("nodes") = 0, nb::arg("forced") = FeatureFlags{},
            "Args:\n"
            "    samples: The number of samples per pixel.\n"
            "    adaptive: Take all samples only at edges; elsewhere one, or a quarter (path).\n"
@@ -382,6 +394,7 @@ void bind_caster(nb::module_& m) {
            "    bounces: The largest number of bounces of a path.\n"
            "    sample_set: The sampler of path: sobol, owen, global, random or anchored.\n"
            "    block, blocks: Which block of a point set the samples of path are, of how many.\n"
+           "    nodes: The most nodes of hybrid's cache; 0 for as many as the image needs.\n"
            "    forced: Features by name that are forced on (the output keeps its bytes) or\n"
            "        off, for tests.");
 
@@ -553,7 +566,8 @@ void bind_caster(nb::module_& m) {
            "    Whether it is valid; if not, nothing changes.")
       .def_prop_ro("work", &work_of,
                    "The work done so far: ticks; packets of 4 x 4 pixels that were tested against\n"
-                   "moving geoms, traced and relit; BVHs that were built and refitted.");
+                   "moving geoms, traced and relit; BVHs that were built and refitted; with\n"
+                   "hybrid the nodes and bytes of its cache, and the paths traced for them.");
 }
 
 }  // namespace evs

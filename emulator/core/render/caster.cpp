@@ -138,7 +138,7 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
     int channels = antialiasing_ ? frame_.channels + 1 : tracing.samples == 1 ? frame_.channels : 0;
     packet_cache_.emplace(sampling_, channels, appearance_.lights, frame_.shadows);
   }
-  if (tracing.hybrid) set_hybrid(optics, tracing.bounces, scene, tracing.rgb || forced_.on(COLOUR));
+  if (tracing.hybrid) set_hybrid(optics, tracing, scene);
   if (tracing.path) {
     emitters_.emplace(scene, appearance_, order_);
     paths_.bounces = tracing.bounces;
@@ -160,8 +160,9 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
 }
 
 // Prepare the irradiance cache. Its nodes are lit in three channels; with grey lights pixels are
-// rendered as luminance, and in colour beside it if `rgb`.
-void Caster::set_hybrid(const Optics& optics, int bounces, const SceneData& scene, bool rgb) {
+// rendered as luminance, and in colour beside it if that is wanted.
+void Caster::set_hybrid(const Optics& optics, const Tracing& tracing, const SceneData& scene) {
+  const bool rgb = tracing.rgb || forced_.on(COLOUR);
   if (appearance_.channels == 4) {
     colours_ = select_channels(appearance_, true);
     if (!rgb) {
@@ -184,7 +185,7 @@ void Caster::set_hybrid(const Optics& optics, int bounces, const SceneData& scen
     tint_.push_back(0);
   }
   emitters_.emplace(scene, colours, order_);
-  paths_.bounces = bounces;
+  paths_.bounces = tracing.bounces;
   paths_.sample_set = SAMPLES_OWEN;
   paths_.lobe_samples = 1;
   while ((1 << paths_.log2_samples) < IrradianceCache::SAMPLES) paths_.log2_samples++;
@@ -195,7 +196,9 @@ void Caster::set_hybrid(const Optics& optics, int bounces, const SceneData& scen
   long pixels = static_cast<long>(optics.width) * optics.height;
   float pixel = static_cast<float>(1 / std::sqrt(optics.fx * optics.fy)), spacing = MAX_PX * pixel;
   if (!optics.orthographic) spacing = std::min(spacing, std::max(MIN_PX * pixel, ANGLE));
-  irradiance_.emplace(pixels, spacing, pool_->threads());
+  size_t nodes = IrradianceCache::most_nodes(pixels);
+  if (tracing.nodes > 0) nodes = static_cast<size_t>(tracing.nodes);
+  irradiance_.emplace(nodes, spacing, pool_->threads());
   incomplete_.resize(static_cast<size_t>(sampling_.rows) * sampling_.columns);
   // spread points over glowing geoms, as if at the camera
   lamp_points_.resize(static_cast<size_t>(paths_.emitter_count) * LAMP_POINTS);
@@ -235,7 +238,7 @@ void Caster::place_hybrid() {
     irradiance_->spread(*kernel_, colour_frame_, paths_, e,
                         lamp_points_.data() + static_cast<long>(e) * LAMP_POINTS);
   }
-  irradiance_->set_surfaces(tint_.data(), lamp_points_.data());
+  irradiance_->set_surfaces(tint_.data(), lamp_points_.data(), forced_.off(CACHED_LIGHT));
 }
 
 // Copy the emitters' part into the path frame.

@@ -40,6 +40,7 @@ struct Tracing {
   bool hybrid = false;  // neither: direct
   int bounces = 0;      // of paths
   SampleSet sample_set = SAMPLES_OWEN;
+  int nodes = 0;               // of the irradiance cache, at most; 0: as the image needs
   int block = 0, blocks = 1;   // the samples of paths are a block of a point set with so many
   ForcedFeatures forced = {};  // features forced on or off, whatever the scene needs
 };
@@ -146,7 +147,7 @@ class Caster {
   void trace_paths(bool first, bool same, bool same_lamps, const Outputs& out);
   long trace_pass(const Frame& f, const PathFrame& p, PathCache* cache, PathCache::Plan plan,
                   const uint32_t* marked, const Outputs& out);
-  void set_hybrid(const Optics& optics, int bounces, const SceneData& scene, bool rgb);
+  void set_hybrid(const Optics& optics, const Tracing& tracing, const SceneData& scene);
   void place_hybrid();
   void trace_hybrid(bool same, const Outputs& out);
   bool hybrid_passes(const IrradianceCache::Tracer& tracer, const Outputs& out);

@@ -51,6 +51,7 @@ FeatureFlags Caster::features() const {
   on[TRANSPARENT] = path && paths_.transparent;
   on[HIERARCHY] = frame_.bvh.top > 0;
   on[LIGHT_REACH] = frame_.cull_lights;
+  on[CACHED_LIGHT] = irradiance_ && !forced_.off(CACHED_LIGHT);
   FeatureFlags flags;
   for (int feature = 0; feature < FEATURE_COUNT; feature++) {
     flags[FEATURE_NAMES[feature]] = on[feature];

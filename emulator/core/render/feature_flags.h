@@ -23,18 +23,19 @@ enum Feature {
   TRANSPARENT,    // paths evaluate the opacity of each layer
   HIERARCHY,      // find what rays may touch through a hierarchy over geoms
   LIGHT_REACH,    // leave out lights where they cannot reach
+  CACHED_LIGHT,   // `hybrid` adds the diffuse light of sky and bounces
   FEATURE_COUNT
 };
 
 constexpr const char* FEATURE_NAMES[FEATURE_COUNT] = {
     "colour",  "physical_gloss", "normal_maps",   "texture_filter", "fog",
     "haze",    "shadows",        "plane_shadows", "full_retrace",   "refits",
-    "glowing", "transparent",    "hierarchy",     "light_reach"};
+    "glowing", "transparent",    "hierarchy",     "light_reach",    "cached_light"};
 
 using FeatureFlags = std::map<std::string, bool>;
 
 // Features forced on (the output's bytes stay the same, but for TRANSPARENT) or off (for tests:
-// what needs the feature is then wrong, or with the last two slow).
+// what needs the feature is then wrong, or with HIERARCHY and LIGHT_REACH slow).
 class ForcedFeatures {
  public:
   ForcedFeatures() { setting_.fill(-1); }

@@ -51,6 +51,7 @@ constexpr int LAMP_POINTS = 64;  // on each glowing geom
 constexpr int BULB_POINTS = 16;  // on each bulb
 
 struct IrradianceView {
+  bool off;  // there is no such light
   const NodeSlot* slots;
   uint32_t mask;       // of the place in the table
   const float* light;  // (nodes, 4) irradiance over pi by channel: what white paper reflects

@@ -18,12 +18,13 @@ from reference.planned import IDEAL, NEEDS, Film, told
 ROBOTS = ["gymnasium/humanoid", "gymnasium/ant", "dm_control/dog", "dm_control/fish"]
 
 
-def check(plan: ScenePlan, features: dict[str, bool], path: bool) -> None:
+def check(plan: ScenePlan, features: dict[str, bool], renderer: str) -> None:
     """The counts of the contents say the same as the flags that the tracer runs by."""
     has = plan.contents
+    path = renderer in ("hybrid", "path")
     on = {decision.feature.name: decision.on for decision in plan.decisions}
     assert on == {name: features[name] for name in on}
-    assert on["colour"] == (path or bool(has.coloured))
+    assert on["colour"] == (renderer == "path" or bool(has.coloured))
     assert on["physical_gloss"] == (path or has.physical > 0)
     assert on["normal_maps"] == (has.bumpy > 0)
     assert on["texture_filter"] == (has.textured > 0)
@@ -38,6 +39,7 @@ def check(plan: ScenePlan, features: dict[str, bool], path: bool) -> None:
     assert on["refits"] <= (has.deforming > 0)
     assert on["hierarchy"] == (sum(has.geoms.values()) - has.planes > 128)
     assert on["light_reach"] == (has.bounded > 4)
+    assert on["cached_light"] == (renderer == "hybrid")
     assert all(decision.why for decision in plan.decisions)
     assert plan.mobility.bodies_moving + plan.mobility.bodies_still > 0
 
@@ -47,10 +49,10 @@ def test_films(name: str, tmp_path: Path) -> None:
     world = NEEDS[name].world(tmp_path)
     told(world, 2)
     camera = world.cameras[0]
-    check(camera.plan, camera.features, "renderer" in NEEDS[name].render)
+    check(camera.plan, camera.features, NEEDS[name].render.get("renderer", "direct"))
 
 
-@pytest.mark.parametrize("renderer", ["direct", "path"])
+@pytest.mark.parametrize("renderer", ["direct", "hybrid", "path"])
 @pytest.mark.parametrize("name", ROBOTS)
 def test_robots(name: str, renderer: str, robot_files: dict[str, Path]) -> None:
     check_robot(robot_files[name], renderer)
@@ -80,7 +82,7 @@ def check_robot(file: Path, renderer: str) -> None:
     )
     world.step()
     camera = world.cameras[0]
-    check(camera.plan, camera.features, renderer == "path")
+    check(camera.plan, camera.features, renderer)
 
 
 def test_the_tracers_names_are_the_tables(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ pytestmark = pytest.mark.extremes
 
 RENDERERS = {
     "direct": RenderConfig(spp=2),
+    "hybrid": RenderConfig(renderer="hybrid", spp=2, bounces=3),
     "path": RenderConfig(renderer="path", spp=2, bounces=3),
 }
 SHAPES = [shape for shape in Shape if shape is not Shape.HFIELD]
@@ -71,8 +72,10 @@ def test_a_scene_of_any_size_is_the_same_picture(metres: float, config: RenderCo
         return made.look((0.3 * scale, -3 * scale, 1.8 * scale), (0, 0, 0.2 * scale))
 
     light, usual = light_of(of(metres), config), light_of(of(1.0), config)
-    # but for pixels whose samples fall on the other side of an edge
-    apart = np.abs(light - usual) > 1e-3 * usual.max()
+    # but for pixels whose samples fall on the other side of an edge, and for cached light, whose
+    # lattice has another place
+    near = 0.02 if config.renderer == "hybrid" else 1e-3
+    apart = np.abs(light - usual) > near * usual.max()
     assert apart.mean() < 0.02
     assert usual.max() > 0
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -90,7 +91,7 @@ def test_single_pixels_are_those_of_the_picture() -> None:
 
 @pytest.mark.parametrize("antialiasing", ["fixed", "adaptive"])
 def test_a_scene_at_rest_keeps_every_byte_and_then_traces_nothing(antialiasing: str) -> None:
-    stage = RandomStage(5, rich=True, size=(39, 27))
+    stage = RandomStage(4, rich=True, size=(39, 27))
     kept = renderer_of(stage, antialiasing=antialiasing)
     full = renderer_of(stage, antialiasing=antialiasing, incremental=False)
     instant = film_of(stage, 1)[0]
@@ -165,6 +166,36 @@ def test_damaged_states_are_refused(damage: Callable[[dict], object]) -> None:
     with pytest.raises(EvsError, match="saved state is damaged"):
         renderer_of(stage).restoring(saved)()
     np.testing.assert_array_equal(one._luminance, expected)
+
+
+def test_nodes_that_are_no_longer_seen_are_dropped() -> None:
+    stage = RandomStage(11, size=(39, 27))
+    one = renderer_of(stage)
+    instant = film_of(stage, 1)[0]
+    one.render(*instant)
+    before = one.work["cache_nodes"]
+    assert before > 100
+    away = CameraPose(instant[1].pos + 100.0, instant[1].mat)
+    for _ in range(DROPPED):
+        one.render(instant[0], away)
+    assert one.work["cache_nodes"] < before / 2
+
+
+def test_a_full_cache_has_a_coarser_lattice(monkeypatch: pytest.MonkeyPatch) -> None:
+    most = 400
+    film = film_of(RandomStage(11, size=(39, 27)), 4)
+    fine = renderer_of(RandomStage(11, size=(39, 27))).render(*film[0]).copy()
+    monkeypatch.setattr(_core, "Tracing", partial(_core.Tracing, nodes=most))
+    lights = []
+    for threads, antialiasing in ((1, "fixed"), (3, "fixed"), (1, "adaptive"), (3, "adaptive")):
+        one = renderer_of(RandomStage(11, size=(39, 27)), threads, antialiasing=antialiasing)
+        lights.append([one.render(*instant).tobytes() for instant in film])
+        assert 0 < one.work["cache_nodes"] <= most
+        assert one.save()["coarser"] > 0
+    assert lights[0] == lights[1]
+    assert lights[2] == lights[3]
+    coarse = np.frombuffer(lights[0][0], np.float32).reshape(fine.shape)
+    assert abs((coarse - fine).mean()) < 0.1 * fine.mean()
 
 
 def night_and_day() -> tuple[Stage, Stage]:

@@ -141,6 +141,7 @@ NEEDS = {
     ),
     "glowing": Film({"body": 'emission="1"'}, {**PATH, "bounces": 0}),
     "transparent": Film({"alpha": ".4"}, PATH),
+    "cached_light": Film({}, {"renderer": "hybrid", "spp": 1}),
     "hierarchy": Film({"more": PEBBLES}),
     "light_reach": Film({"lights": SPOTS}),
     "light_gains": Film({}, {"flicker": (FlickerConfig(hz=60.0),)}),

@@ -24,6 +24,7 @@ EVS_INLINE Float specular_albedo(Float cosine, Float alpha) {
   return 1.0f - alpha * lost / rest;
 }
 
+constexpr int FEWEST_POINTS = 16;  // on each of several glowing geoms
 constexpr int OUTERMOST = 8;  // points of a glowing geom that decide whether all are traced
 
 template <int CHANNELS>
@@ -391,6 +392,10 @@ struct HybridShading {
     Mask others = at.lit & ~(at.hit.geom == splat(e.geom));
     if (!any(others)) return;
     const LampPoint* points = cache.lamp_points + index * LAMP_POINTS;
+    // several geoms share the points
+    int count = LAMP_POINTS / p.emitter_count;
+    count = count < FEWEST_POINTS ? FEWEST_POINTS : count;
+    float share = static_cast<float>(LAMP_POINTS) / static_cast<float>(count);
     const Geom& g = f.geoms[e.geom];
     const BoundingSphereArray& b = f.bounds;
     V3 center = {b.x[e.geom], b.y[e.geom], b.z[e.geom]};
@@ -418,7 +423,8 @@ struct HybridShading {
       wi = w * (1.0f / distance);
       Float cosine = -dot(wi, splat(point.normal));
       // a disc of that area, whose light is finite near it
-      strength = cosine * point.area / (square * PI + point.area);
+      float area = point.area * share;
+      strength = cosine * area / (square * PI + area);
       return others & at.facing(wi) & (cosine > 0.0f);
     };
     auto passed = [&](Mask lanes) {
@@ -441,7 +447,7 @@ struct HybridShading {
       dark = tested & ~(highest > 0.0f);
       partly = others & ~dark & (~tested | (lowest < 1.0f));
     }
-    for (int k = 0; k < LAMP_POINTS; k++) {
+    for (int k = 0; k < count; k++) {
       Mask facing = reach(points[k]) & ~dark;
       if (!any(facing)) continue;
       if (any(facing & partly)) {

@@ -9,7 +9,8 @@ namespace evs {
 namespace {
 
 constexpr size_t MIN_ROOM = 1 << 16;
-constexpr int LANES = 32;       // at most, of a kernel
+constexpr int LANES = 32;  // at most, of a kernel
+constexpr int MAX_COARSER = 20;
 constexpr float DISTANCE = 40;  // from which a lattice of spacing 1 is seen
 constexpr float SHEET = 4;      // as in node_lattice.inl
 
@@ -91,10 +92,12 @@ bool is_mesh(const Geom& g) { return g.shape == MESH || g.shape == HFIELD; }
 
 }  // namespace
 
-IrradianceCache::IrradianceCache(long pixels, float spacing, int workers)
-    : max_nodes_(std::max(MIN_ROOM, 2 * static_cast<size_t>(pixels))),
-      spacing_(spacing),
-      workers_(workers) {
+size_t IrradianceCache::most_nodes(long pixels) {
+  return std::max(MIN_ROOM, 2 * static_cast<size_t>(pixels));
+}
+
+IrradianceCache::IrradianceCache(size_t nodes, float spacing, int workers)
+    : max_nodes_(nodes), spacing_(spacing), workers_(workers) {
   // points of a (0, m, 2) net: bit-reversed, and Sobol's second dimension
   for (uint32_t i = 0; i < LAMP_POINTS; i++) {
     uint32_t reversed = 0, second = 0, direction = 0x80000000u;
@@ -164,7 +167,15 @@ void IrradianceCache::spread(const Kernel& kernel, const Frame& frame, const Pat
   size_t lamp = 0;
   while (lamps_[lamp] != paths.emitters[emitter].geom) lamp++;
   const int* order = lamp_order_.data() + lamp * LAMP_POINTS;
-  for (int k = 0; k < LAMP_POINTS; k++) points[k] = even[order[k]];
+  for (int k = 0; k < LAMP_POINTS; k++) {
+    LampPoint& p = points[k] = even[order[k]];
+    float numbers[] = {p.position.x, p.position.y, p.position.z,  p.normal.x,    p.normal.y,
+                       p.normal.z,   p.area,       p.radiance[0], p.radiance[1], p.radiance[2]};
+    // a shape without a size has points that are no numbers: they give no light
+    for (float number : numbers) {
+      if (!std::isfinite(number)) p = {};
+    }
+  }
 }
 
 void IrradianceCache::clear() {
@@ -416,7 +427,8 @@ bool IrradianceCache::add_requested(const Tracer& t) {
     return order_of(a.key) == order_of(b.key);
   };
   wanted_.erase(std::unique(wanted_.begin(), wanted_.end(), same), wanted_.end());
-  if (nodes_.size() + wanted_.size() > max_nodes_) {
+  // a lattice has at least a few nodes on each geom
+  if (nodes_.size() + wanted_.size() > max_nodes_ && coarser_ < MAX_COARSER) {
     int coarser = coarser_ + 1;
     long tick = tick_;
     clear();
@@ -480,7 +492,7 @@ void IrradianceCache::save(int32_t* ints, float* floats) const {
 
 bool IrradianceCache::restore(long tick, int coarser, int count, const int32_t* ints,
                               const float* floats, int geoms) {
-  if (tick < 0 || coarser < 0 || coarser > 30 || static_cast<size_t>(count) > max_nodes_) {
+  if (tick < 0 || coarser < 0 || coarser > MAX_COARSER) {
     return false;
   }
   for (int k = 0; k < count; k++) {

@@ -28,8 +28,10 @@ class IrradianceCache {
   // After so many ticks of a scene at rest, neither light nor the set of nodes can change.
   static constexpr int REST_TICKS = 3 * CYCLE_TICKS;
 
-  // pixels: of the image; spacing: IrradianceView's, of the finest lattice.
-  IrradianceCache(long pixels, float spacing, int workers);
+  // So many nodes bound the memory for an image.
+  static size_t most_nodes(long pixels);
+  // nodes: at most; spacing: IrradianceView's, of the finest lattice.
+  IrradianceCache(size_t nodes, float spacing, int workers);
 
   // What lights nodes: the kernel with a tick's frame.
   struct Tracer {
@@ -52,7 +54,8 @@ class IrradianceCache {
   void spread(const Kernel& kernel, const Frame& frame, const PathFrame& paths, int emitter,
               LampPoint* points) const;
   // The view's surfaces and lamps.
-  void set_surfaces(const float* tint, const LampPoint* lamp_points) {
+  void set_surfaces(const float* tint, const LampPoint* lamp_points, bool off) {
+    view_.off = off;
     view_.tint = tint;
     view_.lamp_points = lamp_points;
   }

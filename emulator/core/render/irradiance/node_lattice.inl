@@ -196,6 +196,7 @@ void cached_irradiance(const Frame& f, const IrradianceView& cache, NodeRequests
                        const SurfaceInteraction<CHANNELS>& interaction, Mask lit, Float path_length,
                        Received& out) {
   out.colour[0] = out.colour[1] = out.colour[2] = out.luminance = splat(0.0f);
+  if (cache.off) return;
   // the level of each lane, and how much the next one counts
   Float width =
       f.orthographic ? splat(cache.spacing) : (path_length + hit.distance) * cache.spacing;

@@ -1,0 +1,131 @@
+"""Time of `hybrid` beside `direct` and `path`: a full frame, filling its cache, ticks of a film."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from evs.drivers.pictures import write_png
+from evs.emulator.config import RenderConfig
+from evs.emulator.render import make_renderer
+from evs.emulator.world import extract_scene
+from reference.film import VIEWS, Film, model_of
+from speed.many import many_geoms
+from speed.turns import Table, milliseconds, target
+from speed.view import FRAME, HEIGHT, WIDE, WIDTH, View, robot, view_of
+
+CORNELL = """
+<mujoco><visual><headlight active="0"/></visual><asset>
+<material name="white" rgba=".88 .88 .88 1" specular="0"/>
+<material name="red" rgba=".8 .25 .25 1" specular="0"/>
+<material name="green" rgba=".35 .75 .35 1" specular="0"/></asset><worldbody>
+<camera name="eye" pos="0 -1.9 1.02" xyaxes="1 0 0 0 .052 1" fovy="45"/>
+<light type="spot" cutoff="75" exponent="0" pos="0 .3 1.95" dir="0 0 -1" attenuation="0 0 1"
+       diffuse="1.5 1.5 1.4" bulbradius=".12"/>
+<geom type="plane" size="1 1.5 1" material="white"/>
+<geom type="plane" size="1 1.5 1" pos="0 0 2" euler="180 0 0" material="white"/>
+<geom type="plane" size="1 1 1" pos="0 1.5 1" euler="90 0 0" material="white"/>
+<geom type="plane" size="1 1.5 1" pos="-1 0 1" euler="0 90 0" material="red"/>
+<geom type="plane" size="1 1.5 1" pos="1 0 1" euler="0 -90 0" material="green"/>
+<geom type="box" size=".25 .25 .3" pos=".5 .7 .3" euler="0 0 18" material="white"/>
+<body pos="-.1 .4 1.6"><joint axis="0 1 0" ref="-40"/><joint axis="1 0 0"/>
+<geom type="capsule" fromto="0 0 0 .5 0 -.6" size=".05"/>
+<geom type="sphere" pos=".5 0 -.6" size=".2"/></body></worldbody></mujoco>"""
+"""A room with a bulb in its ceiling."""
+ROBOTS = ("gymnasium/humanoid", "dm_control/humanoid", "dm_control/quadruped")
+TICKS = 40
+
+
+def views(files: dict[str, Path]) -> dict[str, View]:
+    room = mujoco.MjModel.from_xml_string(CORNELL)
+    return {
+        **{name: robot(files[name]) for name in ROBOTS},
+        "Cornell box": view_of(room, mujoco.MjData(room), "eye"),
+        "1000 geoms": many_geoms(1000),
+    }
+
+
+@pytest.mark.bench
+def test_a_full_frame(robot_files: dict[str, Path]) -> None:
+    columns = {}
+    for name, view in views(robot_files).items():
+        rows = {}
+        for isa in WIDE:
+            rows[f"direct, {isa}"] = view.light(2, isa=isa)
+            rows[f"direct, 4 samples, {isa}"] = view.light(2, 4, isa=isa)
+            rows[f"hybrid, {isa}"] = view.light(2, renderer="hybrid", isa=isa)
+            more = {"renderer": "hybrid", "isa": isa}
+            rows[f"hybrid, 4 samples, {isa}"] = view.light(2, 4, **more)
+            rows[f"hybrid, 4 at edges, {isa}"] = view.light(2, 4, antialiasing="adaptive", **more)
+            rows[f"path, 4 samples, {isa}"] = view.light(2, 4, renderer="path", isa=isa)
+            rows[f"path, 16 samples, {isa}"] = view.light(2, 16, renderer="path", isa=isa)
+        columns[name] = milliseconds(rows, rounds=5)
+    base = {row: "direct, " + row.rsplit(", ", 1)[1] for row in rows}
+    print(Table(f"hybrid, {FRAME}; 2 threads", columns, base))
+    for name, column in columns.items():
+        for isa in WIDE:
+            pan = column[f"hybrid, {isa}"].median
+            print(target(f"{name}: a tick with 1 sample, {isa}", pan, 2.5, "ms"))
+
+
+@pytest.mark.bench
+def test_filling_the_cache(robot_files: dict[str, Path]) -> None:
+    for name, view in views(robot_files).items():
+        config = RenderConfig(renderer="hybrid", spp=1)
+        fills = []
+        for _ in range(5):
+            renderer = make_renderer(view.content, view.camera, config, 2)
+            begin = time.perf_counter()
+            renderer.render(view.shot, view.pose)
+            fills.append(1e3 * (time.perf_counter() - begin))
+        work = renderer.work  # type: ignore[attr-defined]
+        nodes, size = work["cache_nodes"], work["cache_bytes"] / 1e6
+        print(f"{name}: {nodes} nodes, {size:.1f} MB, filled in {np.median(fills):.0f} ms")
+
+
+@pytest.mark.bench
+@pytest.mark.parametrize("motion", ["still", "pan"])
+def test_ticks_of_a_film(motion: str, robot_files: dict[str, Path]) -> None:
+    """Robots that move, filmed by a camera that stands or pans: ms a tick on two threads."""
+    for name in ROBOTS[:2]:
+        model = model_of(name, robot_files, soft=False)
+        film = Film(model, motion, WIDTH, HEIGHT, TICKS, VIEWS.get(name))
+        scene = extract_scene(model)
+        for label, render in {
+            "direct": RenderConfig(spp=1),
+            "hybrid": RenderConfig(renderer="hybrid", spp=1),
+            "hybrid, 4 at edges": RenderConfig(renderer="hybrid", antialiasing="adaptive"),
+            "path, 4 samples": RenderConfig(renderer="path", spp=4),
+        }.items():
+            renderer = make_renderer(scene, film.camera, render, 2)
+            times = []
+            for instant in film.taken:
+                begin = time.perf_counter()
+                renderer.render(*instant)
+                times.append(1e3 * (time.perf_counter() - begin))
+            print(f"{name}, {motion} camera: {label}: {np.median(times[5:]):.2f} ms")
+
+
+@pytest.mark.bench
+def test_pictures(robot_files: dict[str, Path]) -> None:
+    """Converged paths, `hybrid`, and ten times their difference: out/hybrid.png."""
+    rows = []
+    for name, view in views(robot_files).items():
+        if name not in ("Cornell box", "dm_control/humanoid"):
+            continue
+        exact = view.light(2, 1024, renderer="path")().astype(float)
+        ours = view.light(2, 4, renderer="hybrid", antialiasing="adaptive")().astype(float)
+        white = np.quantile(exact, 0.99)
+        parts = [exact / white, ours / white, 10 * np.abs(ours - exact) / exact.mean()]
+        rows.append(np.concatenate([np.clip(part, 0, 1) ** (1 / 2.2) for part in parts], 1))
+        block = (ours - exact)[:256, :344].reshape(32, 8, 43, 8).mean((1, 3)) / exact.mean()
+        error, worst = (ours - exact).mean() / exact.mean(), np.abs(block).max()
+        print(
+            f"{name}: mean error {error:+.2%}, worst block of 8 x 8 pixels {worst:.1%} of the mean"
+        )
+    Path("out").mkdir(exist_ok=True)
+    write_png(Path("out/hybrid.png"), (255 * np.concatenate(rows)).astype(np.uint8))
