@@ -453,7 +453,7 @@ POINT_NS, SKY_POINT_NS = 100.0, 230.0
 """of a point of a path, and more of it where a sky is aimed at"""
 RASTER_GEOM_MS, RASTER_NS = 0.7, 90.0
 """by OpenGL in software: of a geom, and of a sample of a pixel; on a GPU a tenth of it"""
-CACHED_NS = 300.0
+CACHED_NS = 500.0
 """of a packet of `hybrid`: its light from the cache, and its part of what keeps that up to date"""
 RENDER_US, REST_NS = 12.0, 6.5
 """of a picture; of a packet of one in which nothing moves"""

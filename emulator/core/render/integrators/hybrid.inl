@@ -25,7 +25,7 @@ EVS_INLINE Float specular_albedo(Float cosine, Float alpha) {
 }
 
 constexpr int FEWEST_POINTS = 16;  // on each of several glowing geoms
-constexpr int OUTERMOST = 8;  // points of a glowing geom that decide whether all are traced
+constexpr int OUTERMOST = 8;       // points of a glowing geom that decide whether all are traced
 
 template <int CHANNELS>
 struct SurfaceLobes {
