@@ -68,7 +68,7 @@ void check_ticks(const How& how) {
   SceneData scene = scene_of_everything(0.3f);
   Optics optics = {33, 17, 30, 30, 16.5, 8.5};
   size_t pixels = 33 * 17;
-  Tracing tracing = {4, how.adaptive, true, how.incremental, how.rgb, how.path, 3};
+  Tracing tracing = {4, how.adaptive, true, how.incremental, how.rgb, how.path, false, 3};
   tracing.forced = as_with_many();
   Caster caster(scene, optics, tracing, 2);
   Stage stage = stage_of(scene, random, 1);
