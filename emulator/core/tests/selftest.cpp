@@ -215,6 +215,12 @@ int main() {
     evs::single_pixels_and_deforming_meshes(how);
     evs::absurd_poses(how);
   }
+  // its single pixels are those of a picture
+  evs::Tracing hybrid;
+  hybrid.hybrid = true;
+  hybrid.bounces = 2;
+  evs::same_bytes_everywhere(hybrid);
+  evs::absurd_poses(hybrid);
   evs::ticks_allocate_nothing();
   evs::pixels_survive_any_light();
   evs::networks_survive_any_light();
