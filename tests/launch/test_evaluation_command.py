@@ -67,8 +67,8 @@ def test_command_json_and_picture(
     assert set(told) == {"command", "settings", "versions", "left_out", "check", "takes", "rows",
                          "verdict", "winners", "cells"}  # fmt: skip
     assert told["check"] is None
-    # two cameras; half the reference, nothing; two models on direct and 3 times 1, 2 spp
-    assert len(told["cells"]) == len(told["rows"]) == 2 * (2 + 2 * 7)
+    # two cameras; half the reference, nothing; two models on direct, hybrid and 3 times 1, 2 spp
+    assert len(told["cells"]) == len(told["rows"]) == 2 * (2 + 2 * 8)
     assert {clip["camera"] for clip in told["takes"]} == {"still", "pan"}
     assert told["settings"]["reference_spp"] == 4
     assert told["command"].endswith(
@@ -77,7 +77,7 @@ def test_command_json_and_picture(
     )
     page = out[1].read_text()
     assert f"    {told['command']}\n" in page
-    assert page.count("\n| still | ") == page.count("\n| pan | ") == 7 + 2 * 16
+    assert page.count("\n| still | ") == page.count("\n| pan | ") == 8 + 2 * 18
     with Image.open(out[2]) as image:
         picture = np.asarray(image.convert("RGB"))
     assert picture.shape[1] == 2 * 640 + 44
@@ -98,20 +98,20 @@ def test_the_cache_serves_what_is_the_same_and_nothing_else(scene: Path, tmp_pat
     settings = tiny(scene, cameras=("still",))
     cache = LightCache(tmp_path / "cache")
     first = judge(settings, cache)
-    # two halves; fixed, fresh, and the ticks before; cycle; direct
-    assert (cache.hits, cache.misses) == (0, 7)
+    # two halves; fixed, fresh, and the ticks before; cycle; direct; hybrid
+    assert (cache.hits, cache.misses) == (0, 8)
     again = judge(settings, cache)
-    assert (cache.hits, cache.misses) == (7, 7)
+    assert (cache.hits, cache.misses) == (8, 8)
     assert without_times(again) == without_times(first)
     for change, misses in (
         ({"models": ("plain",)}, 0),
         ({"spp": (2, 3)}, 4),
         ({"reference_spp": 6}, 2),
-        ({"pixels": 25}, 7),
+        ({"pixels": 25}, 8),
         # a take begins as it did, and so does what came before
-        ({"ticks": 7}, 6),
-        ({"seed": 1}, 7),
-        ({"cameras": ("pan",)}, 6),
+        ({"ticks": 7}, 7),
+        ({"seed": 1}, 8),
+        ({"cameras": ("pan",)}, 7),
     ):
         before = cache.misses
         judge(replace(settings, **change), cache)  # type: ignore[arg-type]
@@ -295,7 +295,7 @@ def test_a_users_own_network_is_judged_besides(
     out = tmp_path / "t.json"
     assert main([*words, *TINY, "--cache", str(tmp_path / "cache"), "--json", str(out)]) == 0
     said = capsys.readouterr()
-    assert said.out.count("| mine |") == 1 + 2 * 7
+    assert said.out.count("| mine |") == 1 + 2 * 8
     # it was checked first
     assert said.out.index("| random4 | found | |") < said.out.index("| camera | light | model |")
     assert "| X = 0 | the current is exactly 0" in said.out
@@ -326,7 +326,7 @@ def test_a_network_that_is_not_sound_is_told_and_judged_all_the_same(
     lines = said.err.splitlines()
     assert f"evs: warning: {path}: latency: no answer to a step of +-0.5" in lines
     assert all(line.startswith(f"evs: warning: {path}: ") for line in lines)
-    assert said.out.count("| d |") == 1 + 2 * 7
+    assert said.out.count("| d |") == 1 + 2 * 8
 
     # one that cannot be read is not
     sidecar.write_text(sidecar.read_text().replace("threshold = 0.2", "threshold = -0.2"))

@@ -92,7 +92,7 @@ BAD = [
     ([*GOOD, "--duration", "0"], ["at duration_s", "more than 0 s"]),
     ([*GOOD, "--duration", "-1"], ["at duration_s", "more than 0 s"]),
     ([*GOOD, "--duration", "nan"], ["at duration_s: expected a finite number, got nan"]),
-    ([*GOOD, "--renderer", "pith"], ["no renderer 'pith'; there is: path, direct, raster"]),
+    ([*GOOD, "--renderer", "pith"], ["no renderer 'pith'; there is: path, direct, hybrid, raster"]),
     ([*GOOD, "--model", "evsnut"], ["no model 'evsnut'; there is: evsnet, plain, adaptive"]),
     ([*GOOD, "--pace", "lockstop"], ["at pace: no pace 'lockstop'; there is: lockstep"]),
     ([*GOOD, "--pace", "lockstep"], ["at duration_s: a closed loop runs until it is stopped"]),

@@ -56,7 +56,7 @@ def test_everything_is_said_to_be_forced(capsys: pytest.CaptureFixture[str]) -> 
     plan = planned(capsys, "--scene", SCENE, *SMALL, "--model-everything")["plan"]
     assert {"fog", "haze", "aps", "imu", "causes", "ground_truth"} <= {*plan["forced"]}
     assert {*plan["forced"]} <= {*plan["on"]}
-    assert {*plan["off"]} == {"lens", "running_mean", "glowing", "transparent"}
+    assert {*plan["off"]} == {"lens", "running_mean", "glowing", "transparent", "cached_light"}
 
 
 def test_a_pipeline_and_what_it_takes(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
