@@ -99,8 +99,9 @@ inline void place_mesh_nodes(const Frame& f, const NodeArray& nodes, int begin, 
     interpolate_corners(mesh, hit, to_bits(found), smooth, flat, u, v, uv_density);
     Vec other = load_vector(nodes.hit_point, at), normal = load_vector(nodes.hit_normal, at);
     Vec point = select(found, origin + direction * hit.distance, other);
-    smooth = normalize(select(found, smooth, normal));
-    flat = normalize(select(found, flat, normal));
+    // the other one as it is: move_hidden_nodes takes the same
+    smooth = select(found, normalize(smooth), normal);
+    flat = select(found, normalize(flat), normal);
     // interpolated normals may face away from the surface
     smooth = select(dot(smooth, flat) > 0.0f, smooth, flat);
     store_placed(f, nodes, at, index, point, smooth, flat, active);
