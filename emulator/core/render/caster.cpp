@@ -175,13 +175,13 @@ void Caster::set_hybrid(const Optics& optics, const Tracing& tracing, const Scen
     }
   }
   const Appearance& colours = colours_ ? *colours_ : appearance_;
-  constexpr float WEIGHTS[3] = {0.2126f, 0.7152f, 0.0722f};  // BT.709
+  const float* weights = colours.weights;
   for (const Surface& surface : colours.surfaces) {
     float mean[3], luminance = 0;
     mean_colour(surface, colours, mean);
-    for (int c = 0; c < 3; c++) luminance += WEIGHTS[c] * mean[c];
+    for (int c = 0; c < 3; c++) luminance += weights[c] * mean[c];
     for (int c = 0; c < 3; c++)
-      tint_.push_back(luminance > 0 ? WEIGHTS[c] * mean[c] / luminance : WEIGHTS[c]);
+      tint_.push_back(luminance > 0 ? weights[c] * mean[c] / luminance : weights[c]);
     tint_.push_back(0);
   }
   emitters_.emplace(scene, colours, order_);
@@ -428,8 +428,7 @@ bool Caster::same_scene() const {
 bool Caster::restore_irradiance(long tick, int coarser, int nodes, const int32_t* ints,
                                 const float* floats) {
   if (!irradiance_) return false;
-  int geoms = static_cast<int>(geoms_.size());
-  if (!irradiance_->restore(tick, coarser, nodes, ints, floats, geoms)) return false;
+  if (!irradiance_->restore(tick, coarser, nodes, ints, floats, geoms_)) return false;
   rest_ticks_ = 0;
   return true;
 }

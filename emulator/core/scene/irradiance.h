@@ -94,6 +94,18 @@ inline uint64_t hash_of(const NodeKey& k) {
   return mix_bits(mix_bits(where) + place);
 }
 
+// Find a node in the table, -1 where it is missing.
+inline int find_node(const NodeSlot* slots, uint32_t mask, const NodeKey& key) {
+  uint64_t hash = hash_of(key);
+  uint32_t check = static_cast<uint32_t>(hash >> 32);
+  for (uint32_t at = static_cast<uint32_t>(hash) & mask;; at = (at + 1) & mask) {
+    if (slots[at].node < 0) return -1;
+    if (slots[at].check == check) return slots[at].node;
+  }
+}
+
+constexpr float SHEET = 4;  // spacings: parts of a mesh farther apart have nodes of their own
+
 // How the lattice of a bounded shape divides its bounding box.
 struct NodeLattice {
   float spacing;   // m, of planes and meshes

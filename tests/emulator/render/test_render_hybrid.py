@@ -155,6 +155,9 @@ def test_a_saved_cache_goes_on_with_the_same_bytes() -> None:
         lambda saved: saved.update(tick=np.array(-1)),
         lambda saved: saved["keys"].__setitem__((0, 0), 10_000),
         lambda saved: saved["keys"].__setitem__((0, 1), 1000),
+        # a face that only cylinders have, and a place beyond every lattice
+        lambda saved: saved["keys"].__setitem__((slice(None), 2), 6),
+        lambda saved: saved["keys"].__setitem__((0, 3), 2**31 - 1),
     ],
 )
 def test_damaged_states_are_refused(damage: Callable[[dict], object]) -> None:

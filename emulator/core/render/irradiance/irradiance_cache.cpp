@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <tuple>
 #include <utility>
 
@@ -11,8 +12,10 @@ namespace {
 constexpr size_t MIN_ROOM = 1 << 16;
 constexpr int LANES = 32;  // at most, of a kernel
 constexpr int MAX_COARSER = 20;
+// of keys that kernels ask for
+constexpr int MAX_LEVEL = 60;
+constexpr long MAX_PLACE = 1000000001;
 constexpr float DISTANCE = 40;  // from which a lattice of spacing 1 is seen
-constexpr float SHEET = 4;      // as in node_lattice.inl
 
 auto order_of(const NodeKey& k) { return std::tie(k.geom, k.level, k.face, k.x, k.y, k.z); }
 
@@ -179,14 +182,18 @@ void IrradianceCache::spread(const Kernel& kernel, const Frame& frame, const Pat
 }
 
 void IrradianceCache::clear() {
+  tick_ = 0;
+  coarser_ = 0;
+  drop_nodes();
+}
+
+void IrradianceCache::drop_nodes() {
   nodes_.clear();
   light_.clear();
   used_.clear();
   phase_.clear();
   wanted_.clear();
   for (Worker& w : workers_) w.kept.clear();
-  tick_ = 0;
-  coarser_ = 0;
   rehash(1 << 12);
   refresh_view();
 }
@@ -206,6 +213,18 @@ void IrradianceCache::insert(int node) {
   size_t mask = slots_.size() - 1, at = hash & mask;
   while (slots_[at].node >= 0) at = (at + 1) & mask;
   slots_[at] = {static_cast<uint32_t>(hash >> 32), node};
+}
+
+void IrradianceCache::add(const Node& node, bool used) {
+  nodes_.push_back(node);
+  phase_.push_back(hash_of(node.key) >> 60);
+  used_.push_back(used);
+  light_.resize(4 * nodes_.size());
+  if (slots_.size() < 4 * nodes_.size()) {
+    rehash(2 * slots_.size());
+  } else {
+    insert(size() - 1);
+  }
 }
 
 void IrradianceCache::rehash(size_t slots) {
@@ -292,15 +311,6 @@ void IrradianceCache::light(const Tracer& t, const std::vector<int32_t>& which, 
   paths_ += static_cast<long>(count) * quarters * QUARTER;
 }
 
-int IrradianceCache::find(const NodeKey& key) const {
-  uint64_t hash = hash_of(key);
-  size_t mask = slots_.size() - 1, at = hash & mask;
-  for (; slots_[at].node >= 0; at = (at + 1) & mask) {
-    if (slots_[at].check == static_cast<uint32_t>(hash >> 32)) return slots_[at].node;
-  }
-  return -1;
-}
-
 void IrradianceCache::own_mean(const Node& node, float* mean) const {
   for (int c = 0; c < 3; c++) {
     float sum = 0;
@@ -330,7 +340,7 @@ void IrradianceCache::average(const Frame& frame, int k) {
     key.x += offset[0];
     key.y += offset[1];
     key.z += offset[2];
-    int neighbour = find(key);
+    int neighbour = find_node(view_.slots, view_.mask, key);
     if (neighbour < 0) continue;
     const Node& other = nodes_[neighbour];
     float cosine = 0, mean[3];
@@ -368,6 +378,7 @@ void IrradianceCache::sweep() {
   used_.resize(kept);
   light_.resize(4 * kept);
   rehash(slots_.size());
+  refresh_view();
 }
 
 void IrradianceCache::next_tick(const Tracer& t) {
@@ -429,12 +440,8 @@ bool IrradianceCache::add_requested(const Tracer& t) {
   wanted_.erase(std::unique(wanted_.begin(), wanted_.end(), same), wanted_.end());
   // a lattice has at least a few nodes on each geom
   if (nodes_.size() + wanted_.size() > max_nodes_ && coarser_ < MAX_COARSER) {
-    int coarser = coarser_ + 1;
-    long tick = tick_;
-    clear();
-    tick_ = tick;
-    coarser_ = coarser;
-    refresh_view();
+    coarser_++;
+    drop_nodes();
     return false;
   }
   size_t first = nodes_.size(), count = first + wanted_.size();
@@ -443,18 +450,9 @@ bool IrradianceCache::add_requested(const Tracer& t) {
     node.key = request.key;
     std::copy_n(request.point, 3, node.point);
     std::copy_n(request.normal, 3, node.normal);
-    nodes_.push_back(node);
-    phase_.push_back(hash_of(node.key) >> 60);
+    add(node, false);
   }
-  light_.resize(4 * count);
-  used_.resize(count);
-  size_t slots = slots_.size();
-  while (slots < 4 * count) slots *= 2;
-  if (slots > slots_.size()) {
-    rehash(slots);
-  } else {
-    for (size_t k = first; k < count; k++) insert(static_cast<int>(k));
-  }
+  refresh_view();
   due_.clear();
   for (size_t k = first; k < count; k++) due_.push_back(static_cast<int32_t>(k));
   light(t, due_, 0, QUARTERS, true);
@@ -463,7 +461,6 @@ bool IrradianceCache::add_requested(const Tracer& t) {
     std::copy_n(nodes_[k].mean, 3, nodes_[k].before);
     std::copy_n(nodes_[k].mean, 3, light_.data() + 4 * k);
   }
-  refresh_view();
   return true;
 }
 
@@ -479,27 +476,21 @@ void IrradianceCache::save(int32_t* ints, float* floats) const {
     const int32_t row[STATE_INTS] = {key.geom, key.level, key.face, key.x,
                                      key.y,    key.z,     used_[k], node.moved};
     ints = std::copy_n(row, STATE_INTS, ints);
-    for (auto [part, count] : {std::pair{node.point, 3},
-                               {node.normal, 3},
-                               {node.facing, 3},
-                               {node.quarter[0], 12},
-                               {node.before, 3},
-                               {node.mean, 3}}) {
-      floats = std::copy_n(part, count, floats);
-    }
+    std::memcpy(floats, static_cast<const NodeFloats*>(&node), sizeof(NodeFloats));
+    floats += STATE_FLOATS;
   }
 }
 
 bool IrradianceCache::restore(long tick, int coarser, int count, const int32_t* ints,
-                              const float* floats, int geoms) {
-  if (tick < 0 || coarser < 0 || coarser > MAX_COARSER) {
-    return false;
-  }
+                              const float* floats, const std::vector<Geom>& geoms) {
+  if (tick < 0 || coarser < 0 || coarser > MAX_COARSER) return false;
   for (int k = 0; k < count; k++) {
     const int32_t* row = ints + static_cast<long>(k) * STATE_INTS;
-    if (row[0] < 0 || row[0] >= geoms || std::abs(row[1]) > 60 || row[2] < 0 || row[2] > 6) {
-      return false;
-    }
+    if (row[0] < 0 || static_cast<size_t>(row[0]) >= geoms.size()) return false;
+    int faces = geoms[row[0]].shape == CYLINDER ? 7 : 6;
+    bool placed = std::abs(row[1]) <= MAX_LEVEL && row[2] >= 0 && row[2] < faces;
+    for (int a = 3; a < 6; a++) placed = placed && std::abs(static_cast<long>(row[a])) <= MAX_PLACE;
+    if (!placed) return false;
   }
   clear();
   tick_ = tick;
@@ -508,24 +499,11 @@ bool IrradianceCache::restore(long tick, int coarser, int count, const int32_t* 
     const int32_t* row = ints + static_cast<long>(k) * STATE_INTS;
     Node node = {};
     node.key = {row[0], row[1], row[2], row[3], row[4], row[5]};
-    for (auto [part, size] : {std::pair{node.point, 3},
-                              {node.normal, 3},
-                              {node.facing, 3},
-                              {node.quarter[0], 12},
-                              {node.before, 3},
-                              {node.mean, 3}}) {
-      std::copy_n(floats, size, part);
-      floats += size;
-    }
-    nodes_.push_back(node);
-    phase_.push_back(hash_of(node.key) >> 60);
-    used_.push_back(row[6] != 0);
-    nodes_.back().moved = row[7] != 0;
+    node.moved = row[7] != 0;
+    std::memcpy(static_cast<NodeFloats*>(&node), floats, sizeof(NodeFloats));
+    floats += STATE_FLOATS;
+    add(node, row[6] != 0);
   }
-  light_.resize(4 * static_cast<size_t>(count));
-  size_t slots = slots_.size();
-  while (slots < 4 * static_cast<size_t>(count)) slots *= 2;
-  rehash(slots);
   refresh_view();
   return true;
 }

@@ -79,18 +79,21 @@ class IrradianceCache {
   long tick() const { return tick_; }
   int coarser() const { return coarser_; }
   void save(int32_t* ints, float* floats) const;
-  // Returns false, and changes nothing, where they are damaged. geoms: of the scene.
+  // Returns false, and changes nothing, where they are damaged.
   bool restore(long tick, int coarser, int count, const int32_t* ints, const float* floats,
-               int geoms);
+               const std::vector<Geom>& geoms);
 
  private:
-  struct Node {
-    NodeKey key;
+  struct NodeFloats {
     float point[3], normal[3];   // of the hit that asked for it
-    int moved;                   // not 0: it lies there
     float facing[3];             // normal where it lies, in the geom's frame
     float quarter[QUARTERS][3];  // sums
     float before[3], mean[3];    // with its neighbours
+  };
+  static_assert(sizeof(NodeFloats) == STATE_FLOATS * sizeof(float));
+  struct Node : NodeFloats {
+    NodeKey key;
+    int moved;  // not 0: it lies where that hit was
   };
   struct alignas(64) Worker {
     NodeRequests requests;
@@ -107,7 +110,8 @@ class IrradianceCache {
              int quarters, bool added);
   void own_mean(const Node& node, float* mean) const;
   void average(const Frame& frame, int k);
-  int find(const NodeKey& key) const;
+  void drop_nodes();
+  void add(const Node& node, bool used);
   void sweep();
   void rehash(size_t slots);
   void insert(int node);
@@ -118,7 +122,7 @@ class IrradianceCache {
   std::vector<Node> nodes_;
   std::vector<float> light_;    // (nodes, 4), of this tick
   std::vector<uint8_t> used_;   // (nodes)
-  std::vector<uint8_t> phase_;  // (nodes) low bits of the hash
+  std::vector<uint8_t> phase_;  // (nodes) high bits of the hash
   std::vector<NodeSlot> slots_;
   std::vector<int32_t> due_;
   std::vector<NodeRequest> wanted_;

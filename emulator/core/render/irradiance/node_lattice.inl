@@ -15,8 +15,6 @@ namespace evs::EVS_NAMESPACE {
 namespace {
 
 constexpr float BLEND_FROM = 1.75f;  // of the distances of a level, 1 ... 2
-constexpr int MIN_LEVEL = -40, MAX_LEVEL = 40;
-constexpr float SHEET = 4;  // spacings: parts of a mesh farther apart have nodes of their own
 
 // Points on the lattice of one geom.
 struct LatticePoint {
@@ -84,22 +82,6 @@ EVS_INLINE int key_face(int shape, int face) {
   return shape == CYLINDER && face < 4 ? 6 : face;
 }
 
-// Find the place of a node, -1 where it is missing.
-EVS_INLINE int find_node(const IrradianceView& cache, const NodeKey& key) {
-  uint64_t hash = hash_of(key);
-  uint32_t check = static_cast<uint32_t>(hash >> 32);
-  for (uint32_t at = static_cast<uint32_t>(hash) & cache.mask;; at = (at + 1) & cache.mask) {
-    const NodeSlot& slot = cache.slots[at];
-    if (slot.node < 0) return -1;
-    if (slot.check == check) return slot.node;
-  }
-}
-
-// The nodes of a cell, and the lanes that lie in it.
-struct NodeCell {
-  int face, base[3], axis[2];
-};
-
 // Irradiance over pi: by colour, and the luminance that the surface reflects of it.
 struct Received {
   Float colour[3], luminance;
@@ -155,7 +137,7 @@ void add_level(const IrradianceView& cache, NodeRequests& requests, const Geom& 
       NodeKey node = key;
       (u == 0 ? node.x : node.y) += corner & 1;
       (v == 2 ? node.z : node.y) += corner >> 1;
-      int k = find_node(cache, node);
+      int k = find_node(cache.slots, cache.mask, node);
       if (k >= 0) {
         light[corner] = cache.light + 4 * static_cast<long>(k);
         if (!__atomic_load_n(cache.used + k, __ATOMIC_RELAXED))
