@@ -7,70 +7,28 @@ from typing import Any
 
 import numpy as np
 
-from evs.emulator.base.features import UNFORCED, Switches
-from evs.emulator.base.scene import F32, I32, CameraModel, CameraPose, SceneModel, SceneSnapshot
-from evs.emulator.config import RenderConfig
-from evs.emulator.render.direct import DirectRenderer
+from evs.emulator.base.scene import F32, I32, CameraPose, SceneSnapshot
+from evs.emulator.render.path import PathRenderer
 from evs.emulator.state import number, numbers
 from evs.msgs import EvsError
 
-MAX_TICKS = 2**62
 MAX_COARSER = 20
 DAMAGED = "saved state is damaged: the cache of the renderer is invalid; save it again"
 
 
-class HybridRenderer(DirectRenderer):
+class HybridRenderer(PathRenderer):
     """Soft light without noise: what changes fast is traced, what changes slowly is cached.
 
     Lamps, glowing geoms, gloss and mirrors are evaluated at every pixel of every tick. The diffuse
     light of the sky and of bounces is cached on surfaces and follows changes within 96 ticks. The
-    cache begins empty and is filled before the first light is given.
+    cache begins empty and is filled before the first light is given. Its paths follow from the
+    seed.
     """
 
     integrator = "hybrid"
 
-    def __init__(
-        self,
-        scene: SceneModel,
-        camera: CameraModel,
-        config: RenderConfig,
-        threads: int,
-        rgb: bool = False,
-        seed: int = 0,
-        switches: Switches = UNFORCED,
-        like: DirectRenderer | None = None,
-    ) -> None:
-        """Build the caster.
-
-        Args:
-            scene: As of DirectRenderer.
-            camera: As of DirectRenderer.
-            config: As of DirectRenderer.
-            threads: As of DirectRenderer.
-            rgb: As of DirectRenderer.
-            seed: What the directions of the cached light follow from.
-            switches: As of DirectRenderer.
-            like: As of DirectRenderer.
-        """
-        super().__init__(scene, camera, config, threads, rgb, switches, like)
-        self.reseed(seed)
-
-    def reseed(self, seed: int) -> None:
-        """The cached light follows from `seed` from the next call on."""
-        drawn = np.random.SeedSequence(seed % 2**64).generate_state(1, np.uint32)
-        self._noise = int(drawn.view(np.int32)[0])
-
     def trace(self, snapshot: SceneSnapshot, pose: CameraPose, pixels: I32) -> F32:
-        """Trace single pixels of the next tick. It is rendered whole: the cache is that of a tick.
-
-        Args:
-            snapshot: The world at its end.
-            pose: Where the camera is.
-            pixels: (n, 2) columns and rows inside the image.
-
-        Returns:
-            (n,) float32 linear luminance.
-        """
+        """As of the direct renderer, of the next tick: the cache is that of a tick."""
         columns, rows = np.asarray(pixels).T
         traced: F32 = self.render(snapshot, pose)[rows, columns]
         return traced
@@ -98,7 +56,7 @@ class HybridRenderer(DirectRenderer):
         Raises:
             EvsError: It is damaged.
         """
-        tick = number(saved, "tick", 0, MAX_TICKS)
+        tick = number(saved, "tick", 0)
         coarser = number(saved, "coarser", 0, MAX_COARSER)
         keys = _array(saved, "keys", np.int32, (-1, 8))
         light = _array(saved, "light", np.float32, (len(keys), 27))
