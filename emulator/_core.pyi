@@ -241,14 +241,16 @@ class Caster:
     def restart(self) -> None:
         """Forget what earlier ticks left in the light of hybrid."""
 
-    def save_irradiance(self) -> tuple[int, int, Annotated[NDArray[numpy.int32], dict(shape=(None, None), order='C')], Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C')]]:
+    def save_irradiance(self, numbers: Annotated[NDArray[numpy.int32], dict(shape=(None, 8), order='C', device='cpu')], light: Annotated[NDArray[numpy.float32], dict(shape=(None, 27), order='C', device='cpu')]) -> tuple[int, int]:
         """
-        Copy the irradiance cache of hybrid.
+        Copy the irradiance cache of hybrid, of n = work["cache_nodes"] nodes.
+
+        Args:
+            numbers: (n, 8) int32, the output: each node's key and flags.
+            light: (n, 27) float32, the output: each node's place and light.
 
         Returns:
-            Ticks since the start; by how many levels the lattice is coarser than asked;
-            (n, 8) int32, each node's key and flags; (n, 27) float32, its
-            place and light.
+            Ticks since the start; by how many levels the lattice is coarser than asked.
         """
 
     def restore_irradiance(self, tick: int, coarser: int, numbers: Annotated[NDArray[numpy.int32], dict(shape=(None, 8), order='C', device='cpu', writable=False)], light: Annotated[NDArray[numpy.float32], dict(shape=(None, 27), order='C', device='cpu', writable=False)]) -> bool:

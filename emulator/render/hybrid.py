@@ -13,6 +13,8 @@ from evs.emulator.state import number, numbers
 from evs.msgs import EvsError
 
 MAX_COARSER = 20
+KEYS, LIGHT = 8, 27
+"""numbers of a node: irradiance_cache.h"""
 DAMAGED = "saved state is damaged: the cache of the renderer is invalid; save it again"
 
 
@@ -44,8 +46,10 @@ class HybridRenderer(PathRenderer):
 
     def save(self) -> dict[str, Any]:
         """Named arrays of the cache and of the last light, which `restoring` takes back."""
-        tick, coarser, keys, light = self._caster.save_irradiance()
-        saved = {"keys": keys, "light": light, "luminance": self._luminance.copy()}
+        nodes = self._caster.work["cache_nodes"]
+        keys, light = np.empty((nodes, KEYS), np.int32), np.empty((nodes, LIGHT), np.float32)
+        tick, coarser = self._caster.save_irradiance(keys, light)
+        saved: dict[str, Any] = {"keys": keys, "light": light, "luminance": self._luminance.copy()}
         if self._rgb is not None:
             saved["rgb"] = self._rgb.copy()
         return {**saved, **numbers(tick=tick, coarser=coarser)}
@@ -58,8 +62,8 @@ class HybridRenderer(PathRenderer):
         """
         tick = number(saved, "tick", 0)
         coarser = number(saved, "coarser", 0, MAX_COARSER)
-        keys = _array(saved, "keys", np.int32, (-1, 8))
-        light = _array(saved, "light", np.float32, (len(keys), 27))
+        keys = _array(saved, "keys", np.int32, (-1, KEYS))
+        light = _array(saved, "light", np.float32, (len(keys), LIGHT))
         pictures: list[tuple[F32, F32]]
         pictures = [(self._luminance, _array(saved, "luminance", np.float32, self.shape))]
         if self._rgb is not None:

@@ -13,7 +13,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <memory>
 #include <optional>
 #include <tuple>
 
@@ -316,22 +315,16 @@ void cycle_light(In<float, N, N, N> planes, In<float, N, N> before, int newest,
                 light.data());
 }
 
-using Numbers = nb::ndarray<nb::numpy, int32_t, nb::ndim<2>, nb::c_contig>;
-using Light = nb::ndarray<nb::numpy, float, nb::ndim<2>, nb::c_contig>;
-
-// The irradiance cache: tick, coarser levels, numbers and light of the nodes.
-std::tuple<long, int, Numbers, Light> save_irradiance(const BoundCaster& b) {
+// The irradiance cache. Returns its tick, and by how many levels it is coarser.
+std::tuple<long, int> save_irradiance(const BoundCaster& b,
+                                      Out<int32_t, N, IrradianceCache::STATE_INTS> numbers,
+                                      Out<float, N, IrradianceCache::STATE_FLOATS> light) {
   const IrradianceCache* cache = b.caster.irradiance();
   require(cache, "only hybrid has an irradiance cache");
-  size_t n = static_cast<size_t>(cache->size());
-  constexpr size_t INTS = IrradianceCache::STATE_INTS, FLOATS = IrradianceCache::STATE_FLOATS;
-  auto ints = std::make_unique<int32_t[]>(n * INTS + 1);
-  auto floats = std::make_unique<float[]>(n * FLOATS + 1);
-  cache->save(ints.get(), floats.get());
-  nb::capsule own_ints(ints.get(), [](void* p) noexcept { delete[] static_cast<int32_t*>(p); });
-  nb::capsule own_floats(floats.get(), [](void* p) noexcept { delete[] static_cast<float*>(p); });
-  return {cache->tick(), cache->coarser(), Numbers(ints.release(), {n, INTS}, own_ints),
-          Light(floats.release(), {n, FLOATS}, own_floats)};
+  size_t nodes = static_cast<size_t>(cache->size());
+  require(numbers.shape(0) == nodes && light.shape(0) == nodes, "as many rows as nodes");
+  cache->save(numbers.data(), light.data());
+  return {cache->tick(), cache->coarser()};
 }
 
 bool restore_irradiance(BoundCaster& b, long tick, int coarser,
@@ -551,13 +544,15 @@ void bind_caster(nb::module_& m) {
       .def(
           "restart", [](BoundCaster& b) { b.caster.restart(); },
           "Forget what earlier ticks left in the light of hybrid.")
-      .def("save_irradiance", &save_irradiance,
-           "Copy the irradiance cache of hybrid.\n"
+      .def("save_irradiance", &save_irradiance, nb::arg("numbers"), nb::arg("light"),
+           "Copy the irradiance cache of hybrid, of n = work[\"cache_nodes\"] nodes.\n"
+           "\n"
+           "Args:\n"
+           "    numbers: (n, 8) int32, the output: each node's key and flags.\n"
+           "    light: (n, 27) float32, the output: each node's place and light.\n"
            "\n"
            "Returns:\n"
-           "    Ticks since the start; by how many levels the lattice is coarser than asked;\n"
-           "    (n, 8) int32, each node's key and flags; (n, 27) float32, its\n"
-           "    place and light.")
+           "    Ticks since the start; by how many levels the lattice is coarser than asked.")
       .def("restore_irradiance", &restore_irradiance, nb::arg("tick"), nb::arg("coarser"),
            nb::arg("numbers"), nb::arg("light"),
            "Take back what save_irradiance gave.\n"

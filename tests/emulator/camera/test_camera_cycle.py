@@ -2,35 +2,19 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 import pytest
 
 from evs.emulator import World
-from evs.emulator.config import RenderConfig, RunConfig, SceneConfig, SensorConfig
+from evs.emulator.config import RenderConfig, RunConfig, SceneConfig
+from reference.ball_room import SENSOR, ball_room
 
-ROOM = """
-<mujoco>
-  <option timestep=".001" gravity="0 0 0"/>
-  <worldbody>
-    <light pos="0 -1 3" bulbradius=".4"/>
-    <geom type="plane" size="3 3 1" rgba=".6 .6 .6 1"/>
-    <geom name="post" type="box" size=".1 .1 .5" pos="0 0 .5" rgba=".8 .3 .2 1"/>
-    <body name="ball" pos=".5 .2 .6"><joint name="x" type="slide" axis="1 0 0"/>
-      <geom size=".15" rgba=".2 .7 .3 1"/></body>
-    <camera name="eye" pos="0 -3 1" xyaxes="1 0 0 0 .3 1"/>
-  </worldbody>
-</mujoco>
-"""
-SENSOR = SensorConfig("ideal", width=48, height=36)
 CYCLE = RenderConfig(renderer="path", spp=1, seeds="cycle", cycle_ticks=4)
 TICKS = 10
 
 
 def a_world(render: RenderConfig = CYCLE) -> World:
-    world = World(mujoco.MjModel.from_xml_string(ROOM), threads=1)
-    world.add_camera("eye", sensor=SENSOR, render=render)
-    return world
+    return ball_room(render)
 
 
 def events_of(world: World, ticks: int = TICKS) -> int:

@@ -9,17 +9,17 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-import mujoco
 import numpy as np
 import pytest
 
 from evs.emulator import World, _core
 from evs.emulator.base.scene import CameraPose, LightKind, Shape
-from evs.emulator.config import RenderConfig, SensorConfig
+from evs.emulator.config import RenderConfig
 from evs.emulator.render import make_renderer
 from evs.emulator.render.hybrid import HybridRenderer
 from evs.msgs import EvsError
 from reference import path_stages
+from reference.ball_room import ball_room
 from reference.random_scenes import RandomStage
 from reference.stage import Builder, Stage, matt, matt_rgb
 
@@ -273,31 +273,6 @@ def test_light_is_that_of_converged_paths(name: str, block: float) -> None:
     assert np.abs(blocks).max() < block * path.mean()
 
 
-ROOM = """
-<mujoco>
-  <option timestep=".001" gravity="0 0 0"/>
-  <visual><headlight ambient=".3 .3 .3"/></visual>
-  <worldbody>
-    <light pos="0 -1 3" bulbradius=".4"/>
-    <geom type="plane" size="3 3 1" rgba=".6 .6 .6 1"/>
-    <geom name="post" type="box" size=".1 .1 .5" pos="0 0 .5" rgba=".8 .3 .2 1"/>
-    <body name="ball" pos=".5 .2 .6"><joint name="x" type="slide" axis="1 0 0"/>
-      <geom size=".15" rgba=".2 .7 .3 1"/></body>
-    <camera name="eye" pos="0 -3 1" xyaxes="1 0 0 0 .3 1"/>
-    <camera name="other" pos="0 -2 1" xyaxes="1 0 0 0 .3 1"/>
-  </worldbody>
-</mujoco>
-"""
-SENSOR = SensorConfig("ideal", width=48, height=36)
-
-
-def a_world(cameras: int = 1) -> World:
-    world = World(mujoco.MjModel.from_xml_string(ROOM), threads=1)
-    for name in ("eye", "other")[:cameras]:
-        world.add_camera(name, sensor=SENSOR, render=HYBRID)
-    return world
-
-
 def events_of(world: World, ticks: int) -> list[bytes]:
     """Of the first camera."""
     return [b"".join(packet.events.tobytes() for packet in world.step()[:1]) for _ in range(ticks)]
@@ -305,12 +280,13 @@ def events_of(world: World, ticks: int) -> list[bytes]:
 
 @pytest.mark.slow
 def test_a_still_scene_is_silent_for_a_minute() -> None:
-    world = a_world()
+    world = ball_room(HYBRID)
     assert sum(len(packet.events) for _ in range(60_000) for packet in world.step()) == 0
 
 
 def test_a_restored_world_and_one_with_another_camera_see_the_same() -> None:
-    world, more, other = a_world(), a_world(2), a_world()
+    world, other = ball_room(HYBRID), ball_room(HYBRID)
+    more = ball_room(HYBRID, ("eye", "other"))
     for each in (world, more):
         each.data.qvel[0] = 2.0
     first = events_of(world, 80)
