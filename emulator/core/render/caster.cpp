@@ -84,9 +84,8 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
   spheres_.resize(count);
   bounding_spheres_.resize(count);
   previous_spheres_.resize(count);
-  moved_.reserve(2 * count);
-  moved_capsules_.reserve(2 * static_cast<size_t>(count));
-  moved_spheres_.reserve(2 * static_cast<size_t>(count));
+  moved_.reserve(count);
+  moved_soft_.reserve(count);
   previous_lights_ = appearance_.lights;
   camera_.reserve(12);
   deformed_.resize(mesh_data_.size());
@@ -317,7 +316,7 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
   if (irradiance_) {
     paths_.seed = poses.seed;
     bool same = still && poses.seed == previous_seed_ && same_lights() && same_scene();
-    trace_hybrid(same, out);
+    trace_hybrid(same, selective && poses.seed == previous_seed_, out);
     previous_seed_ = poses.seed;
   } else if (emitters_) {
     paths_.seed = poses.seed;
@@ -429,12 +428,12 @@ void Caster::trace_direct(bool still, bool selective, const Outputs& out) {
     work_.packets_tested += packets;
     find_moved();
     bool lights_stay = same_lights();
-    if (moved_capsules_.empty() && lights_stay) {
+    if (moved_.capsules.empty() && lights_stay) {
       traced_fraction_ = 0;
       return;
     }
-    SceneChange change = {moved_capsules_.data(), moved_.view(), around_moved_,
-                          lights_stay ? nullptr : previous_lights_.data()};
+    SceneChange change = moved_.change();
+    change.lights = lights_stay ? nullptr : previous_lights_.data();
     packet_cache_->find_dirty(*kernel_, frame_, change, *pool_);
   } else if (recording) {
     packet_cache_->record_all();
@@ -540,7 +539,7 @@ void Caster::trace_paths(bool first, bool same, bool same_lamps, const Outputs& 
         geoms_,    previous_geoms_,       bounding_spheres_, previous_spheres_,
         deformed_, paths_.emitter_of_geom};
     find_moved();
-    if (same && same_lamps && moved_capsules_.empty()) {
+    if (same && same_lamps && moved_.capsules.empty()) {
       traced_fraction_ = 0;
       return;
     }

@@ -129,6 +129,17 @@ class Caster {
     BoundingSphereArray view() const;
   };
 
+  struct Moved {
+    std::vector<BoundingCapsule> capsules;
+    std::vector<BoundingSphere> spheres;  // around those
+    Spheres view;                         // the same
+    BoundingSphere around = {{0, 0, 0}, -1};
+    void reserve(int geoms);
+    void add(const BoundingCapsule& before, const BoundingCapsule& now);
+    void finish();
+    SceneChange change() const;
+  };
+
   struct Reaches {  // structure of arrays behind a LightReachArray
     std::vector<float> parts[9];
     void resize(size_t lights);
@@ -142,15 +153,16 @@ class Caster {
   void place_lights(const Poses& poses);
   void place_medium();
   void find_moved();
-  void add_moved(const BoundingCapsule& before, const BoundingCapsule& now);
   bool same_lights() const;
   void trace_paths(bool first, bool same, bool same_lamps, const Outputs& out);
   long trace_pass(const Frame& f, const PathFrame& p, PathCache* cache, PathCache::Plan plan,
                   const uint32_t* marked, const Outputs& out);
   void set_hybrid(const Optics& optics, const Tracing& tracing, const SceneData& scene);
   void place_hybrid();
-  void trace_hybrid(bool same, const Outputs& out);
-  bool hybrid_passes(const IrradianceCache::Tracer& tracer, const Outputs& out);
+  void trace_hybrid(bool same, bool selective, const Outputs& out);
+  bool find_dirty_of_hybrid();
+  bool hybrid_passes(const IrradianceCache::Tracer& tracer, bool records, bool selective,
+                     const Outputs& out);
   bool same_scene() const;
   bool same_images() const;
   uint32_t steady_lights() const;
@@ -177,6 +189,11 @@ class Caster {
   std::vector<float> tint_;
   std::vector<LampPoint> lamp_points_;
   std::vector<uint8_t> incomplete_;  // packets that missed nodes
+  // what packets keep (packets, samples, kept_rows, 16), and whether that is all; null: nothing
+  std::unique_ptr<float[]> kept_;
+  size_t kept_floats_ = 0;  // of a packet
+  std::vector<uint8_t> kept_whole_;
+  std::vector<BoundingSphere> emitter_spheres_;
   long rest_ticks_ = 0;              // of `hybrid`: ticks without a change
   PathFrame paths_ = {};
   std::unique_ptr<PathBatch[]> batches_;  // one per worker
@@ -192,14 +209,13 @@ class Caster {
   std::vector<BoundingSphere> bounding_spheres_, previous_spheres_;  // around each geom
   std::vector<std::vector<float>> shapes_;  // last vertices and normals of each deforming mesh
   std::vector<bool> deformed_;              // meshes, since the last render
-  Spheres spheres_, moved_;
+  Spheres spheres_;
   std::optional<GeomBvhBuilder> bvh_;
   Reaches reaches_;                              // of the lights
-  std::vector<BoundingCapsule> moved_capsules_;  // around geoms that moved, before and now
-  std::vector<BoundingSphere> moved_spheres_;    // around those; as `moved_`
-  BoundingSphere around_moved_ = {{0, 0, 0}, -1};
+  // Geoms that moved, before and now; and, of `hybrid`, what SceneChange::soft says of them.
+  Moved moved_, moved_soft_;
   Sampling sampling_ = {};
-  std::optional<PacketCache> packet_cache_;  // of `direct`, incremental
+  std::optional<PacketCache> packet_cache_;  // of `direct` and `hybrid`, incremental
   bool recorded_ = false;                    // in the last tick
   std::vector<double> camera_;  // previous pose, 12 numbers; empty before the first call
   Frame frame_ = {};

@@ -133,39 +133,64 @@ BoundingSphere Caster::mirrored_in_plane() const {
   return sphere;
 }
 
+void Caster::Moved::reserve(int geoms) {
+  capsules.reserve(2 * static_cast<size_t>(geoms));
+  spheres.reserve(2 * static_cast<size_t>(geoms));
+  view.reserve(2 * geoms);
+}
+
 // Add one capsule that bounds a geom before and after its motion, or two if it moved far.
-void Caster::add_moved(const BoundingCapsule& before, const BoundingCapsule& now) {
+void Caster::Moved::add(const BoundingCapsule& before, const BoundingCapsule& now) {
   auto length = [](V3 a, V3 b) { return std::hypot(a.x - b.x, a.y - b.y, a.z - b.z); };
   // no point of the axis moved further
   float gone = length(now.center, before.center) + now.half * length(now.axis, before.axis);
   float thickest = std::max(before.radius, now.radius);
   if (gone < 0.5f * thickest && now.half == before.half) {
-    moved_capsules_.push_back({now.center, now.axis, now.half, (thickest + gone) * 1.00001f, 0, 0});
+    capsules.push_back({now.center, now.axis, now.half, (thickest + gone) * 1.00001f, 0, 0});
   } else {
-    moved_capsules_.push_back(before);
-    moved_capsules_.push_back(now);
+    capsules.push_back(before);
+    capsules.push_back(now);
   }
 }
 
-// Bound every geom that moved by capsules, those by spheres, and all of them by one sphere.
+// Bound the capsules by spheres, and all of them by one sphere.
+void Caster::Moved::finish() {
+  spheres.clear();
+  view.resize(static_cast<int>(capsules.size()));
+  for (const BoundingCapsule& capsule : capsules) {
+    spheres.push_back({capsule.center, (capsule.half + capsule.radius) * 1.00001f});
+    view.set(static_cast<int>(spheres.size()) - 1, spheres.back());
+  }
+  around = sphere_around(spheres.data(), spheres.size());
+}
+
+SceneChange Caster::Moved::change() const {
+  return {capsules.data(), view.view(), around, nullptr, nullptr, nullptr, 0};
+}
+
+// Bound every geom that moved.
 void Caster::find_moved() {
-  moved_capsules_.clear();
+  moved_.capsules.clear();
+  moved_soft_.capsules.clear();
   for (size_t k = 0; k < geoms_.size(); k++) {
+    const Geom& g = geoms_[k];
     // a geom without a radius, before and now, is invisible
-    bool solid = geoms_[k].shape == PLANE || geoms_[k].mesh >= 0;
-    if (!solid && !(geoms_[k].size[0] > 0) && !(previous_geoms_[k].size[0] > 0)) continue;
-    bool deformed = geoms_[k].mesh >= 0 && deformed_[geoms_[k].mesh];
-    if (!deformed && std::memcmp(&geoms_[k], &previous_geoms_[k], sizeof(Geom)) == 0) continue;
-    add_moved(bounding_capsule(previous_geoms_[k], previous_spheres_[k]),
-              bounding_capsule(geoms_[k], bounding_spheres_[k]));
+    bool solid = g.shape == PLANE || g.mesh >= 0;
+    if (!solid && !(g.size[0] > 0) && !(previous_geoms_[k].size[0] > 0)) continue;
+    bool deformed = g.mesh >= 0 && deformed_[g.mesh];
+    if (!deformed && std::memcmp(&g, &previous_geoms_[k], sizeof(Geom)) == 0) continue;
+    moved_.add(bounding_capsule(previous_geoms_[k], previous_spheres_[k]),
+               bounding_capsule(g, bounding_spheres_[k]));
+    if (!kept_) continue;
+    auto outline = [](const Geom& shape, const BoundingSphere& s) {
+      if (shape.shape == CAPSULE) return bounding_capsule(shape, s);
+      return BoundingCapsule{s.center, {0, 0, 1}, 0, s.radius, 0, 0};
+    };
+    moved_soft_.add(outline(previous_geoms_[k], previous_spheres_[k]),
+                    outline(g, bounding_spheres_[k]));
   }
-  moved_spheres_.clear();
-  moved_.resize(static_cast<int>(moved_capsules_.size()));
-  for (const BoundingCapsule& capsule : moved_capsules_) {
-    moved_spheres_.push_back({capsule.center, (capsule.half + capsule.radius) * 1.00001f});
-    moved_.set(static_cast<int>(moved_spheres_.size()) - 1, moved_spheres_.back());
-  }
-  around_moved_ = sphere_around(moved_spheres_.data(), moved_spheres_.size());
+  moved_.finish();
+  if (kept_) moved_soft_.finish();
 }
 
 }  // namespace evs

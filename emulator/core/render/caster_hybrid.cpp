@@ -3,10 +3,17 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <cstring>
 
 #include "caster.h"
 
 namespace evs {
+namespace {
+
+constexpr size_t MOST_KEPT_BYTES = 512u << 20;
+constexpr int KEPT_LANES = PACKET_WIDTH * PACKET_HEIGHT;
+
+}  // namespace
 
 // Prepare the irradiance cache. Its nodes are lit in three channels; with grey lights pixels are
 // rendered as luminance, and in colour beside it if that is wanted.
@@ -48,7 +55,18 @@ void Caster::set_hybrid(const Optics& optics, const Tracing& tracing, const Scen
   size_t nodes = IrradianceCache::most_nodes(pixels);
   if (tracing.nodes > 0) nodes = static_cast<size_t>(tracing.nodes);
   irradiance_.emplace(nodes, spacing, pool_->threads());
-  incomplete_.resize(static_cast<size_t>(sampling_.rows) * sampling_.columns);
+  size_t packets = static_cast<size_t>(sampling_.rows) * sampling_.columns;
+  incomplete_.resize(packets);
+  // under a still camera keep what packets need to be lit again
+  kept_floats_ = static_cast<size_t>(antialiasing_ ? 1 : tracing.samples) *
+                 kept_rows(frame_.channels + (antialiasing_ ? 1 : 0)) * KEPT_LANES;
+  bool keeps = packets * kept_floats_ * sizeof(float) <= MOST_KEPT_BYTES;
+  if (incremental_ && keeps && !frame_.medium.fog && !forced_.off(CACHED_LIGHT)) {
+    packet_cache_.emplace(sampling_, 0, appearance_.lights, frame_.shadows);
+    kept_ = std::make_unique_for_overwrite<float[]>(packets * kept_floats_);
+    kept_whole_.resize(packets);
+    emitter_spheres_.resize(static_cast<size_t>(paths_.emitter_count));
+  }
   // spread points over glowing geoms, as if at the camera
   lamp_points_.resize(static_cast<size_t>(paths_.emitter_count) * LAMP_POINTS);
   std::vector<Geom> placed = geoms_;
@@ -90,8 +108,31 @@ void Caster::place_hybrid() {
   irradiance_->set_surfaces(tint_.data(), lamp_points_.data(), forced_.off(CACHED_LIGHT));
 }
 
-// One tick of the `hybrid` integrator. In: whether all is as it was in the last tick.
-void Caster::trace_hybrid(bool same, const Outputs& out) {
+// Find the packets that what moved can affect, apart from the nodes' light. Returns false where all
+// have to be traced.
+bool Caster::find_dirty_of_hybrid() {
+  // what was kept of a lamp that moves is of no use
+  for (int e = 0; e < paths_.emitter_count; e++) {
+    int k = paths_.emitters[e].geom;
+    const Geom& g = geoms_[k];
+    bool deformed = g.mesh >= 0 && deformed_[g.mesh];
+    if (deformed || std::memcmp(&g, &previous_geoms_[k], sizeof(Geom)) != 0) return false;
+    emitter_spheres_[e] = bounding_spheres_[k];
+    if (g.shape == PLANE) emitter_spheres_[e] = {g.position, g.size[0] + g.size[1]};
+  }
+  find_moved();
+  SceneChange change = moved_.change(), soft = moved_soft_.change();
+  change.soft = &soft;
+  change.emitters = emitter_spheres_.data();
+  change.emitter_count = paths_.emitter_count;
+  packet_cache_->find_dirty(*kernel_, frame_, change, *pool_);
+  work_.packets_tested += static_cast<long>(sampling_.rows) * sampling_.columns;
+  return true;
+}
+
+// One tick of the `hybrid` integrator. In: whether all is as it was in the last tick; whether only
+// dirty packets are traced.
+void Caster::trace_hybrid(bool same, bool selective, const Outputs& out) {
   IrradianceCache& cache = *irradiance_;
   rest_ticks_ = same ? rest_ticks_ + 1 : 0;
   if (incremental_ && !forced_.on(FULL_RETRACE) && rest_ticks_ > IrradianceCache::REST_TICKS) {
@@ -103,21 +144,28 @@ void Caster::trace_hybrid(bool same, const Outputs& out) {
   IrradianceCache::Tracer tracer = {*kernel_, colour_frame_, paths_, batches_.get(), *pool_};
   cache.next_tick(tracer);
   bool cold = cache.size() == 0;
-  while (!hybrid_passes(tracer, out)) cold = true;
+  // lamps that flicker change every packet; and a sweep asks each packet for its nodes
+  bool records = kept_ && selective && same_lights();
+  selective = records && recorded_ && !cold && !cache.swept() && find_dirty_of_hybrid();
+  if (records && !selective) packet_cache_->record_all();
+  auto pass = [&] { return hybrid_passes(tracer, records, selective, out); };
+  while (!pass()) cold = true, selective = false;
   if (cold) {
     cache.settle(colour_frame_);
-    hybrid_passes(tracer, out);
+    pass();
   }
-  work_.packets_traced += static_cast<long>(sampling_.rows) * sampling_.columns;
-  traced_fraction_ = 1;
+  recorded_ = records;
 }
 
-// Trace all pixels with the light of the irradiance cache. Returns false where its lattice became
-// coarser on the way.
-bool Caster::hybrid_passes(const IrradianceCache::Tracer& tracer, const Outputs& out) {
+// Trace all pixels with the light of the irradiance cache, or those of dirty packets; the others
+// are lit again with what they have kept. Returns false where the cache's lattice became coarser on
+// the way.
+bool Caster::hybrid_passes(const IrradianceCache::Tracer& tracer, bool records, bool selective,
+                           const Outputs& out) {
   IrradianceCache& cache = *irradiance_;
   const Outputs base_out = antialiasing_ ? antialiasing_->base() : out;
   const Frame base_frame = antialiasing_ ? antialiasing_->base_frame(frame_) : frame_;
+  std::atomic<long> traced{0}, relit{0};
   // call job(row, worker) for all rows, and again for those that missed nodes
   std::fill(incomplete_.begin(), incomplete_.end(), uint8_t{1});
   auto complete_rows = [&](auto job) {
@@ -131,24 +179,63 @@ bool Caster::hybrid_passes(const IrradianceCache::Tracer& tracer, const Outputs&
     }
   };
   bool fits = complete_rows([&](int row, int worker) {
-    uint8_t* incomplete = incomplete_.data() + static_cast<long>(row) * sampling_.columns;
+    using Dirty = PacketCache::Dirty;
+    size_t first = static_cast<size_t>(row) * sampling_.columns;
+    uint8_t *incomplete = incomplete_.data() + first, *whole = kept_whole_.data() + first;
+    long own_traced = 0, own_relit = 0;
     bool complete = true, pairs = kernel_->trace_hybrid_pair && frame_.pairs;
+    // a packet that has not kept all is traced again and again: its rays are recorded already
+    auto dirty_of = [&](int column) {
+      if (!records) return Dirty::RETRACE_UNRECORDED;
+      Dirty dirty = selective ? packet_cache_->dirty(column, row) : Dirty::RETRACE;
+      return dirty == Dirty::CLEAN && !whole[column] ? Dirty::RETRACE_UNRECORDED : dirty;
+    };
     for (int column = 0; column < sampling_.columns; column++) {
       if (!incomplete[column]) continue;
-      bool two =
-          pairs && column % 2 == 0 && column + 1 < sampling_.columns && incomplete[column + 1];
-      (two ? kernel_->trace_hybrid_pair : kernel_->trace_hybrid)(
-          base_frame, paths_, cache.view(), cache.requests(worker), column, row, base_out);
-      bool whole = cache.collect(worker);
-      complete = complete && whole;
-      for (int end = column + two;; column++) {
-        incomplete[column] = !whole;
-        if (antialiasing_) antialiasing_->traced(column, row);
-        if (column == end) break;
+      Dirty dirty = dirty_of(column);
+      int count = 1;
+      bool found = true;
+      if (dirty == Dirty::CLEAN) {
+        kernel_->relight_hybrid(base_frame, cache.view(), column, row, base_out,
+                                kept_.get() + (first + column) * kept_floats_);
+        own_relit++;
+      } else if (dirty == Dirty::RETRACE_UNRECORDED) {
+        bool two = pairs && column % 2 == 0 && column + 1 < sampling_.columns &&
+                   incomplete[column + 1] && dirty_of(column + 1) == dirty;
+        if (two) {
+          kernel_->trace_hybrid_pair(base_frame, paths_, cache.view(), cache.requests(worker),
+                                     column, row, base_out);
+        } else {
+          kernel_->trace_hybrid(base_frame, paths_, cache.view(), cache.requests(worker), column,
+                                row, base_out, nullptr);
+        }
+        count += two;
+        found = cache.collect(worker);
+        for (int k = 0; k < count && kept_; k++) whole[column + k] = 0;
+      } else {
+        KeptPacket kept = {packet_cache_->record(column, row),
+                           kept_.get() + (first + column) * kept_floats_, false};
+        kernel_->trace_hybrid(base_frame, paths_, cache.view(), cache.requests(worker), column, row,
+                              base_out, &kept);
+        found = cache.collect(worker);
+        whole[column] = kept.complete;
       }
+      if (dirty != Dirty::CLEAN) own_traced += count;
+      complete = complete && found;
+      for (int k = 0; k < count; k++) {
+        incomplete[column + k] = !found;
+        if (antialiasing_) antialiasing_->traced(column + k, row);
+      }
+      column += count - 1;
     }
+    traced += own_traced;
+    relit += own_relit;
     return complete;
   });
+  long packets = static_cast<long>(sampling_.rows) * sampling_.columns;
+  work_.packets_traced += traced;
+  work_.packets_relit += relit;
+  traced_fraction_ = std::min(1.0, static_cast<double>(traced) / static_cast<double>(packets));
   if (!fits || !antialiasing_) return fits;
   antialiasing_->close_margin();
   fits = complete_rows([&](int row, int worker) {
@@ -168,12 +255,14 @@ bool Caster::restore_irradiance(long tick, int coarser, int nodes, const int32_t
   if (!irradiance_) return false;
   if (!irradiance_->restore(tick, coarser, nodes, ints, floats, geoms_)) return false;
   rest_ticks_ = 0;
+  recorded_ = false;
   return true;
 }
 
 void Caster::restart() {
   if (irradiance_) irradiance_->clear();
   rest_ticks_ = 0;
+  recorded_ = false;
 }
 
 }  // namespace evs

@@ -25,10 +25,17 @@ inline bool is_before(const NodeRequest& a, const NodeRequest& b) {
   return __builtin_memcmp(a.point, b.point, sizeof a.point + sizeof a.normal) < 0;
 }
 
+// The four nodes of a cell. In the key: its first node, and the face itself.
+struct CellNodes {
+  NodeKey key;  // geom < 0: empty
+  int32_t node[4];
+};
+
 // Where a packet asks for nodes.
 struct NodeRequests {
-  static constexpr int ROOM = 1024;
-  bool complete = true;  // nothing is missing
+  static constexpr int ROOM = 1024, CELLS = 256;
+  CellNodes cells[CELLS];  // found lately in this tick, by part of their key's hash
+  bool complete = true;    // nothing is missing
   int count = 0;
   NodeRequest at[ROOM];
   void* owner = nullptr;
@@ -54,7 +61,9 @@ struct IrradianceView {
   bool off;  // there is no such light
   const NodeSlot* slots;
   uint32_t mask;       // of the place in the table
-  const float* light;  // (nodes, 4) irradiance over pi by channel: what white paper reflects
+  // (nodes, 4) irradiance over pi by channel: what white paper reflects; and the luminance that the
+  // node's surface reflects of it
+  const float* light;
   uint8_t* used;       // (nodes) not 0: read since the last sweep
   float spacing;       // largest, for 1 m of distance; orthographic: m
   const float *lamp_x, *lamp_y;  // (LAMP_POINTS) evenly spread points, 0 ... 1
@@ -64,6 +73,14 @@ struct IrradianceView {
   // that of white light
   const float* tint;
 };
+
+// Where a packet records its rays, and what else makes its light: see kept_light.inl.
+struct KeptPacket {
+  PacketRecord record;
+  float* rows;    // (samples, kept_rows, 16)
+  bool complete;  // out: the rows hold all that it needs
+};
+constexpr int kept_rows(int channels) { return 15 + 4 * channels; }
 
 // Nodes whose light is to be found, camera frame: structure of arrays.
 struct NodeArray {
@@ -92,6 +109,14 @@ inline uint64_t hash_of(const NodeKey& k) {
                    static_cast<uint64_t>(static_cast<int64_t>(k.y)) * 0xc2b2ae3d27d4eb4full +
                    static_cast<uint64_t>(static_cast<int64_t>(k.z)) * 0x165667b19e3779f9ull;
   return mix_bits(mix_bits(where) + place);
+}
+
+// A hash that is fast rather than good.
+inline uint32_t short_hash(const NodeKey& k) {
+  uint32_t hash = static_cast<uint32_t>(k.x) * 0x9e3779b1u ^ static_cast<uint32_t>(k.y) * 0x85ebca6bu ^
+                  static_cast<uint32_t>(k.z) * 0xc2b2ae35u ^
+                  static_cast<uint32_t>((k.geom * 8 + k.face) * 64 + k.level) * 0x27d4eb2fu;
+  return hash >> 16;
 }
 
 // Find a node in the table, -1 where it is missing.

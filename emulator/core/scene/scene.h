@@ -272,6 +272,11 @@ struct SceneChange {
   BoundingSphereArray spheres;      // around each of them
   BoundingSphere bounds;            // around all of them
   const Light* lights;              // as they were; null: unchanged
+  // where lamps have a size: what moved, by bounding spheres except where outlines are known in
+  // closed form; and spheres around glowing geoms. Null: lamps are points
+  const SceneChange* soft;
+  const BoundingSphere* emitters;
+  int emitter_count;
 };
 
 // Packets of a block, one bit each, that a change may affect.
@@ -306,6 +311,7 @@ struct PathCacheView;
 struct PathBatch;
 struct PathFrame;
 struct IrradianceView;  // irradiance.h
+struct KeptPacket;
 struct LampPoint;
 struct NodeArray;
 struct NodeRequests;
@@ -357,10 +363,13 @@ struct Kernel {
   long (*update_cached_paths)(const Frame&, const PathFrame&, PathBatch&, const PathCacheView&,
                               int begin, int end, const Outputs&);
   // `trace` and `refine` for `hybrid`, with the light of the irradiance cache. Missing nodes are
-  // requested; the packet must then be traced again.
+  // requested; the packet must then be traced again. KeptPacket: what it keeps, or null.
   void (*trace_hybrid)(const Frame&, const PathFrame&, const IrradianceView&, NodeRequests&,
-                       int column, int row, const Outputs&);
-  // The same for `column`, which is even, and `column` + 1 at once; or null.
+                       int column, int row, const Outputs&, KeptPacket*);
+  // The same from what a packet has kept, with the nodes' light of this tick.
+  void (*relight_hybrid)(const Frame&, const IrradianceView&, int column, int row, const Outputs&,
+                         const float* rows);
+  // `trace_hybrid` for `column`, which is even, and `column` + 1 at once; or null.
   void (*trace_hybrid_pair)(const Frame&, const PathFrame&, const IrradianceView&, NodeRequests&,
                             int column, int row, const Outputs&);
   void (*refine_hybrid)(const Frame&, const PathFrame&, const IrradianceView&, NodeRequests&,

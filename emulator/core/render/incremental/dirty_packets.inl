@@ -89,6 +89,23 @@ EVS_INLINE RayConePacket shadow_cones(const Light& light, const BoundingSpherePa
   return cone;
 }
 
+// The cones from spheres to a lamp, a sphere: they open where it is the larger one.
+EVS_INLINE RayConePacket soft_shadow_cones(V3 position, float radius,
+                                           const BoundingSpherePacket& from) {
+  radius *= 1.0001f;
+  Vec w = splat(position) - from.center;
+  Float distance = sqrt(dot(w, w)), zero = splat(0.0f);
+  Float opening = (splat(radius) - from.radius) / max(distance, splat(1e-30f));
+  // a sphere that touches the lamp sees it in all directions
+  Mask outside = distance > from.radius + radius;
+  RayConePacket cone = {from.center, w * (1.0f / max(distance, splat(1e-30f))), {}, {}, {}, {}};
+  cone.sine = select(outside, max(opening, zero), zero);
+  cone.cosine = sqrt(1.0f - cone.sine * cone.sine);
+  cone.radius = select(outside, from.radius, from.radius + (distance + radius));
+  cone.length = distance + radius;
+  return cone;
+}
+
 inline bool is_dark(const Light& light) {
   for (int c = 0; c < MAX_CHANNELS; c++) {
     if (light.ambient[c] != 0 || light.diffuse[c] != 0 || light.specular[c] != 0) return false;
@@ -110,7 +127,17 @@ inline Mask lighting_changed(const Frame& f, const BoundingSpherePacket& places,
     if (!light.castshadow || !f.shadows) continue;
     Mask reached = lit & ~found & light_reaches(light, places);
     if (!any(reached)) continue;
-    found = found | touched_by_motion(shadow_cones(light, places), change, reached);
+    if (change.soft && is_bulb(light)) {
+      RayConePacket cones = soft_shadow_cones(light.position, light.radius, places);
+      found = found | touched_by_motion(cones, *change.soft, reached);
+    } else {
+      found = found | touched_by_motion(shadow_cones(light, places), change, reached);
+    }
+  }
+  for (int i = 0; i < change.emitter_count && any(lit & ~found); i++) {
+    const BoundingSphere& s = change.emitters[i];
+    RayConePacket cones = soft_shadow_cones(s.center, s.radius, places);
+    found = found | touched_by_motion(cones, change, lit & ~found);
   }
   return found;
 }

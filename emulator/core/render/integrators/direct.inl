@@ -145,6 +145,14 @@ struct DirectShading {
              const CachedShading* shading, Float* out) const {
     shade_direct<CHANNELS>(f, rays, hit, interaction, bounds, lit, shading, out);
   }
+  // for those that keep what they shade: an image in a mirror, the weight of a surface and the light
+  // before it, the light of a whole sample
+  template <int CHANNELS>
+  void mirrored(const Float*, Mask) const {}
+  template <int CHANNELS>
+  void composited(const Float*, Float, Mask) const {}
+  template <int CHANNELS>
+  void sampled(const Float*) const {}
 };
 
 template <int CHANNELS, bool FOLLOW, class Shading>
@@ -177,8 +185,10 @@ void reflect(const Shading& shading, const Frame& f, const Rays& rays,
   Float image[CHANNELS];
   radiance<CHANNELS, false>(shading, f, mirrored, cone, mirror, path_length, recorder, image);
   for (int c = 0; c < CHANNELS; c++) {
-    surface[c] = select(mirror, surface[c] + image[c] * interaction.reflectance, surface[c]);
+    image[c] = image[c] * interaction.reflectance;
+    surface[c] = select(mirror, surface[c] + image[c], surface[c]);
   }
+  shading.template mirrored<CHANNELS>(image, mirror);
 }
 
 // Compute the radiance along the rays of `active`: through transparent surfaces from front to back
@@ -241,6 +251,7 @@ void radiance(const Shading& shading, const Frame& f, const Rays& rays, const Ra
     if (f.medium.fog) apply_fog<CHANNELS>(f, path_length + hit.distance, surface);
     // composite it, and continue behind it where it is transparent
     Float share = transmittance * interaction.alpha;
+    if (FOLLOW) shading.template composited<CHANNELS>(out, share, lit);
     for (int c = 0; c < CHANNELS; c++) out[c] = select(lit, out[c] + surface[c] * share, out[c]);
     active = lit & (interaction.alpha < 1.0f);
     if (!any(active)) break;
@@ -270,6 +281,7 @@ void trace_packet(const Shading& shading, const Frame& f, int column, int row, c
     Float light[CHANNELS];
     radiance<CHANNELS, true>(shading, f, rays, cone, mask_from_bits(ALL_LANES), splat(0.0f),
                              record ? &recorder : nullptr, light);
+    shading.template sampled<CHANNELS>(light);
     sum = sum + luminance_of<CHANNELS>(f, light);
     if (out.rgb || out.untextured) {
       for (int c = 0; c < CHANNELS; c++) sums[c] = sums[c] + light[c];

@@ -12,7 +12,7 @@
 
 #include "integrators/antialiasing.inl"
 #include "integrators/path.inl"
-#include "irradiance/node_lattice.inl"
+#include "irradiance/kept_light.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {
@@ -50,20 +50,13 @@ SurfaceLobes<CHANNELS> surface_lobes(const SurfaceInteraction<CHANNELS>& interac
   return s;
 }
 
-// Which channel holds what: red, green and blue are `colour` ... `colour` + 2, all others are
-// luminance.
-template <int CHANNELS>
-EVS_INLINE Float of_channel(const Frame& f, const Received& light, int c) {
-  int k = c - f.colour;
-  bool colour = CHANNELS >= 3 && k >= 0 && k < 3;
-  return colour ? light.colour[k < 0 || k > 2 ? 0 : k] : light.luminance;
-}
-
 struct HybridShading {
   static constexpr bool MIRRORS_SHOW_SKY = true;
+  static constexpr bool KEEPS = LANES == PACKET;
   const PathFrame& p;
   const IrradianceView& cache;
   NodeRequests& requests;
+  KeptWriter* keeps = nullptr;  // under a still camera
 
   template <int CHANNELS>
   void shade(const Frame& f, const Rays& rays, const Hit& hit,
@@ -76,14 +69,30 @@ struct HybridShading {
       if (f.lights[i].kind != IMAGE) add_light(at, f.lights[i]);
     });
     for (int e = 0; e < p.emitter_count; e++) add_emitter(at, e);
-    Received received;
-    cached_irradiance<(CHANNELS >= 3), CHANNELS>(f, cache, requests, rays, hit, interaction, lit,
-                                                 path_length, received);
-    Float gloss = specular_albedo(min(s.geometry.cos_outgoing, splat(1.0f)), s.geometry.alpha);
-    for (int c = 0; c < CHANNELS; c++) {
-      out[c] =
-          out[c] + (s.specular[c] * gloss + s.diffuse[c]) * of_channel<CHANNELS>(f, received, c);
+    Received received = {};
+    CacheCells cells;
+    if (!cache.off) {
+      cells_of_hits<CHANNELS>(f, cache, requests, rays, hit, interaction, lit, path_length, cells);
+      if (requests.complete) read_cells<(CHANNELS >= 3)>(cache, cells, lit, received);
     }
+    Float gloss = specular_albedo(min(s.geometry.cos_outgoing, splat(1.0f)), s.geometry.alpha);
+    Float reflectance[CHANNELS];
+    for (int c = 0; c < CHANNELS; c++) reflectance[c] = s.specular[c] * gloss + s.diffuse[c];
+    if (KEEPS && keeps) keeps->shaded<CHANNELS>(cells, out, reflectance, interaction.alpha, lit);
+    for (int c = 0; c < CHANNELS; c++)
+      out[c] = out[c] + reflectance[c] * of_channel<CHANNELS>(f, received, c);
+  }
+  template <int CHANNELS>
+  void mirrored(const Float* image, Mask lanes) const {
+    if (KEEPS && keeps) keeps->mirrored<CHANNELS>(image, lanes);
+  }
+  template <int CHANNELS>
+  void composited(const Float* before, Float weight, Mask lit) const {
+    if (KEEPS && keeps) keeps->composited<CHANNELS>(before, weight, lit);
+  }
+  template <int CHANNELS>
+  void sampled(const Float* light) const {
+    if (KEEPS && keeps) keeps->sampled<CHANNELS>(light);
   }
 
  private:
@@ -471,10 +480,14 @@ struct HybridShading {
 
 // `trace`, with the light of the cache.
 inline void trace_hybrid(const Frame& f, const PathFrame& p, const IrradianceView& cache,
-                         NodeRequests& requests, int column, int row, const Outputs& out) {
-  HybridShading shading = {p, cache, requests};
-  for_channels(
-      f, [&]<int CHANNELS>() { trace_packet<CHANNELS>(shading, f, column, row, out, nullptr); });
+                         NodeRequests& requests, int column, int row, const Outputs& out,
+                         KeptPacket* kept) {
+  KeptWriter keeps = {kept ? kept->rows : nullptr};
+  HybridShading shading = {p, cache, requests, kept ? &keeps : nullptr};
+  for_channels(f, [&]<int CHANNELS>() {
+    trace_packet<CHANNELS>(shading, f, column, row, out, kept ? &kept->record : nullptr);
+  });
+  if (kept) kept->complete = keeps.complete && requests.complete;
 }
 
 // `refine`, with the light of the cache.

@@ -73,10 +73,6 @@ inline Float transmittance(const Frame& f, const PathFrame& p, Vec origin, Vec w
   return select(active, zero, transmitted);  // more layers than are followed: opaque
 }
 
-EVS_INLINE bool is_bulb(const Light& light) {
-  return light.radius > 0 && light.kind != DIRECTIONAL;
-}
-
 // Next-event estimation of one of MuJoCo's lights: add the light that it reflects along -d, times
 // `weight`.
 inline void add_lamp(const Frame& f, const PathFrame& p, const Bsdf& s, Vec d,

@@ -187,7 +187,23 @@ void IrradianceCache::clear() {
   drop_nodes();
 }
 
+// The workers' cells hold while no node goes and the tick lasts, in which reading a node marks it.
+void IrradianceCache::forget_cells() {
+  for (Worker& w : workers_) {
+    for (CellNodes& cell : w.requests.cells) cell.key.geom = -1;
+  }
+}
+
+// Set the light that kernels read.
+void IrradianceCache::set_light(const Frame& frame, size_t node, const float* light) {
+  const float* tint = view_.tint + 4 * frame.geoms[nodes_[node].key.geom].surface;
+  float* to = light_.data() + 4 * node;
+  std::copy_n(light, 3, to);
+  to[3] = light[0] * tint[0] + light[1] * tint[1] + light[2] * tint[2];
+}
+
 void IrradianceCache::drop_nodes() {
+  forget_cells();
   nodes_.clear();
   light_.clear();
   used_.clear();
@@ -358,7 +374,7 @@ void IrradianceCache::settle(const Frame& frame) {
   for (int k = 0; k < size(); k++) {
     average(frame, k);
     std::copy_n(nodes_[k].mean, 3, nodes_[k].before);
-    std::copy_n(nodes_[k].mean, 3, light_.data() + 4 * static_cast<size_t>(k));
+    set_light(frame, static_cast<size_t>(k), nodes_[k].mean);
   }
 }
 
@@ -383,6 +399,7 @@ void IrradianceCache::sweep() {
 
 void IrradianceCache::next_tick(const Tracer& t) {
   tick_++;
+  forget_cells();
   if (tick_ % CYCLE_TICKS == 0) sweep();
   int turn = static_cast<int>(tick_ % RENEWAL_TICKS);
   int quarter = static_cast<int>(tick_ / RENEWAL_TICKS % QUARTERS);
@@ -403,10 +420,12 @@ void IrradianceCache::next_tick(const Tracer& t) {
     const Node& node = nodes_[k];
     int step = (turn - phase_[k] + RENEWAL_TICKS) % RENEWAL_TICKS + 1;
     float share = static_cast<float>(step) * (1.0f / RENEWAL_TICKS);
+    float light[3];
     for (int c = 0; c < 3; c++) {
-      float light = node.before[c] + (node.mean[c] - node.before[c]) * share;
-      light_[4 * k + c] = step == RENEWAL_TICKS ? node.mean[c] : light;
+      float between = node.before[c] + (node.mean[c] - node.before[c]) * share;
+      light[c] = step == RENEWAL_TICKS ? node.mean[c] : between;
     }
+    set_light(t.frame, static_cast<size_t>(k), light);
   }
   refresh_view();
 }
@@ -459,7 +478,7 @@ bool IrradianceCache::add_requested(const Tracer& t) {
   for (size_t k = first; k < count; k++) {
     average(t.frame, static_cast<int>(k));
     std::copy_n(nodes_[k].mean, 3, nodes_[k].before);
-    std::copy_n(nodes_[k].mean, 3, light_.data() + 4 * k);
+    set_light(t.frame, k, nodes_[k].mean);
   }
   return true;
 }

@@ -47,6 +47,9 @@ class IrradianceCache {
   // A tick at rest, in which nothing is read.
   void skip_tick() { tick_++; }
 
+  // Has this tick forgotten which nodes were read?
+  bool swept() const { return tick_ % CYCLE_TICKS == 0; }
+
   const IrradianceView& view() const { return view_; }
   // Add a glowing geom: find the order of its points, in a frame where it is not placed yet.
   void add_lamp(const Kernel& kernel, const Frame& frame, const PathFrame& paths, int emitter);
@@ -111,6 +114,8 @@ class IrradianceCache {
   void own_mean(const Node& node, float* mean) const;
   void average(const Frame& frame, int k);
   void drop_nodes();
+  void forget_cells();
+  void set_light(const Frame& frame, size_t node, const float* light);
   void add(const Node& node, bool used);
   void sweep();
   void rehash(size_t slots);
@@ -120,7 +125,7 @@ class IrradianceCache {
   size_t max_nodes_;
   float spacing_;
   std::vector<Node> nodes_;
-  std::vector<float> light_;    // (nodes, 4), of this tick
+  std::vector<float> light_;    // (nodes, 4) the view's, of this tick
   std::vector<uint8_t> used_;   // (nodes)
   std::vector<uint8_t> phase_;  // (nodes) high bits of the hash
   std::vector<NodeSlot> slots_;

@@ -99,94 +99,131 @@ inline void first_hit(Vec p, Vec n, unsigned lanes, NodeRequest& request) {
   }
 }
 
-// Add the irradiance that the lanes `here` of one geom read at one level, times `share`.
-template <bool COLOURS>
-void add_level(const IrradianceView& cache, NodeRequests& requests, const Geom& g, int geom,
-               int level, Vec p, Vec n, Float share, Mask here, Received& out) {
+// The cells around hits: their nodes, and the place between these.
+struct CellLanes {
+  Int node[4];
+  Float x, y;
+};
+
+// Find the nodes of a cell, or request those that are missing for the hits of `lanes`, one of which
+// asks. Returns whether all are there.
+inline bool find_cell(const IrradianceView& cache, NodeRequests& requests, int shape,
+                      const NodeKey& cell, Vec p, Vec n, unsigned lanes, CellNodes& found) {
+  found.key = cell;
+  NodeKey first = cell;
+  first.face = key_face(shape, cell.face);
+  int u = cell.face < 2 ? 1 : 0, v = cell.face < 4 ? 2 : 1;
+  bool complete = true;
+  for (int corner = 0; corner < 4; corner++) {
+    NodeKey node = first;
+    (u == 0 ? node.x : node.y) += corner & 1;
+    (v == 2 ? node.z : node.y) += corner >> 1;
+    int k = found.node[corner] = find_node(cache.slots, cache.mask, node);
+    if (k >= 0) {
+      if (!__atomic_load_n(cache.used + k, __ATOMIC_RELAXED))
+        __atomic_store_n(cache.used + k, uint8_t{1}, __ATOMIC_RELAXED);
+      continue;
+    }
+    complete = requests.complete = false;
+    if (requests.count == NodeRequests::ROOM) requests.keep(requests);
+    requests.at[requests.count] = {node, {0, 0, 0}, {0, 0, 0}};
+    first_hit(p, n, lanes, requests.at[requests.count++]);
+  }
+  return complete;
+}
+
+// Find the cells of one level in which the lanes `here` of one geom lie. Other lanes are left as
+// they are.
+inline void find_cells(const IrradianceView& cache, NodeRequests& requests, const Geom& g, int geom,
+                       int level, Vec p, Vec n, Mask here, CellLanes& out) {
   NodeLattice lattice = node_lattice(g, level);
   LatticePoint at = lattice_point(g, lattice, p, n);
   bool bounded = g.shape != PLANE && g.shape != MESH && g.shape != HFIELD;
   // the cell's first node, and the place in the cell
   Int axis = shift_right<1>(at.face);
-  Float base[3], fraction[3];
+  Float fraction[3];
   const Float coordinate[3] = {at.coordinate.x, at.coordinate.y, at.coordinate.z};
+  Int place[3];
   for (int a = 0; a < 3; a++) {
     Float c = min(max(coordinate[a], splat(-1e9f)), splat(1e9f));
-    Mask across = axis == splat(a);
-    base[a] = floor(c);
-    if (bounded) base[a] = min(base[a], splat(lattice.count[a] - 1.0f));
-    base[a] = select(across, c, base[a]);
-    fraction[a] = c - base[a];
+    Float base = floor(c);
+    if (bounded) base = min(base, splat(lattice.count[a] - 1.0f));
+    base = select(axis == splat(a), c, base);
+    fraction[a] = c - base;
+    place[a] = truncate(base);
   }
+  Mask on_x = axis == splat(0), on_z = axis == splat(2);
+  out.x = select(here, select(on_x, fraction[1], fraction[0]), out.x);
+  out.y = select(here, select(on_z, fraction[1], fraction[2]), out.y);
   alignas(64) int faces[LANES], places[3][LANES];
   store(faces, at.face);
-  Int place[3];
-  for (int a = 0; a < 3; a++) store(places[a], place[a] = truncate(base[a]));
+  for (int a = 0; a < 3; a++) store(places[a], place[a]);
   // go cell by cell
   for (unsigned left = to_bits(here); left;) {
     int i = first_lane(left);
-    int face = faces[i];
-    NodeKey key = {geom, level, key_face(g.shape, face), places[0][i], places[1][i], places[2][i]};
-    Mask cell = (at.face == splat(face)) & (place[0] == splat(key.x)) & (place[1] == splat(key.y)) &
-                (place[2] == splat(key.z)) & mask_from_bits(left);
+    NodeKey key = {geom, level, faces[i], places[0][i], places[1][i], places[2][i]};
+    Mask cell = (at.face == splat(key.face)) & (place[0] == splat(key.x)) &
+                (place[1] == splat(key.y)) & (place[2] == splat(key.z)) & mask_from_bits(left);
     left &= ~to_bits(cell);
-    int u = face < 2 ? 1 : 0, v = face < 4 ? 2 : 1;
-    const float* light[4];
-    bool found = true;
-    for (int corner = 0; corner < 4; corner++) {
-      NodeKey node = key;
-      (u == 0 ? node.x : node.y) += corner & 1;
-      (v == 2 ? node.z : node.y) += corner >> 1;
-      int k = find_node(cache.slots, cache.mask, node);
-      if (k >= 0) {
-        light[corner] = cache.light + 4 * static_cast<long>(k);
-        if (!__atomic_load_n(cache.used + k, __ATOMIC_RELAXED))
-          __atomic_store_n(cache.used + k, uint8_t{1}, __ATOMIC_RELAXED);
-        continue;
-      }
-      found = requests.complete = false;
-      if (requests.count == NodeRequests::ROOM) requests.keep(requests);
-      requests.at[requests.count] = {node, {0, 0, 0}, {0, 0, 0}};
-      first_hit(p, n, to_bits(cell), requests.at[requests.count++]);
+    CellNodes& known = requests.cells[short_hash(key) % NodeRequests::CELLS];
+    if (__builtin_memcmp(&known.key, &key, sizeof key) != 0 &&
+        !find_cell(cache, requests, g.shape, key, p, n, to_bits(cell), known)) {
+      known.key.geom = -1;
+      continue;
     }
-    if (!found) continue;
-    Float x = fraction[u], y = fraction[v];
-    auto interpolate = [&](float c0, float c1, float c2, float c3) {
-      Float low = splat(c0) + (c1 - c0) * x, high = splat(c2) + (c3 - c2) * x;
-      return (low + (high - low) * y) * share;
-    };
-    if (COLOURS) {
-      for (int c = 0; c < 3; c++) {
-        Float part = interpolate(light[0][c], light[1][c], light[2][c], light[3][c]);
-        out.colour[c] = select(cell, out.colour[c] + part, out.colour[c]);
-      }
-    }
-    const float* tint = cache.tint + 4 * g.surface;
-    float grey[4];
-    for (int k = 0; k < 4; k++)
-      grey[k] = light[k][0] * tint[0] + light[k][1] * tint[1] + light[k][2] * tint[2];
-    out.luminance = select(cell, out.luminance + interpolate(grey[0], grey[1], grey[2], grey[3]),
-                           out.luminance);
+    for (int k = 0; k < 4; k++) out.node[k] = select(cell, splat(known.node[k]), out.node[k]);
   }
 }
 
-// Read the irradiance over pi at the hits of `lit`; its colours only where COLOURS. Nodes that are
-// missing are requested; the light is then wrong.
-template <bool COLOURS, int CHANNELS>
-void cached_irradiance(const Frame& f, const IrradianceView& cache, NodeRequests& requests,
-                       const Rays& rays, const Hit& hit,
-                       const SurfaceInteraction<CHANNELS>& interaction, Mask lit, Float path_length,
-                       Received& out) {
-  out.colour[0] = out.colour[1] = out.colour[2] = out.luminance = splat(0.0f);
-  if (cache.off) return;
+// Interpolate component `c` of the nodes' light.
+EVS_INLINE Float interpolate(const IrradianceView& cache, const CellLanes& cells, int c) {
+  Float corner[4];
+  for (int k = 0; k < 4; k++) corner[k] = gather(cache.light + c, cells.node[k] * splat(4));
+  Float low = corner[0] + (corner[1] - corner[0]) * cells.x;
+  Float high = corner[2] + (corner[3] - corner[2]) * cells.x;
+  return low + (high - low) * cells.y;
+}
+
+// Where the hits `lit` read the cache.
+struct CacheCells {
+  CellLanes first, second;
+  Float share;   // of the second
+  Mask blended;  // lanes that read both
+};
+
+// Read the irradiance over pi there; its colours only where COLOURS.
+template <bool COLOURS>
+EVS_INLINE void read_cells(const IrradianceView& cache, const CacheCells& cells, Mask lit,
+                           Received& out) {
+  constexpr int GREY = 3;
+  bool blended = any(cells.blended);
+  for (int c = COLOURS ? 0 : GREY; c <= GREY; c++) {
+    Float light = select(lit, interpolate(cache, cells.first, c) * (1.0f - cells.share), splat(0.0f));
+    if (blended) {
+      Float second = light + interpolate(cache, cells.second, c) * cells.share;
+      light = select(cells.blended, second, light);
+    }
+    (c == GREY ? out.luminance : out.colour[c]) = light;
+  }
+}
+
+// Find the cells of the hits of `lit`. Nodes that are missing are requested, and the cells are then
+// incomplete.
+template <int CHANNELS>
+void cells_of_hits(const Frame& f, const IrradianceView& cache, NodeRequests& requests,
+                   const Rays& rays, const Hit& hit,
+                   const SurfaceInteraction<CHANNELS>& interaction, Mask lit, Float path_length,
+                   CacheCells& out) {
   // the level of each lane, and how much the next one counts
   Float width =
       f.orthographic ? splat(cache.spacing) : (path_length + hit.distance) * cache.spacing;
   width = min(max(width, splat(1e-12f)), splat(1e12f));
-  Int bits = as_int(width);
+  Int bits = as_int(width), zero = splat(0);
   Int level = shift_right<23>(bits) - splat(127);
   Float mantissa = as_float((bits & splat(0x7fffff)) | splat(0x3f800000));
-  Float next = max((mantissa - BLEND_FROM) * (1 / (2 - BLEND_FROM)), splat(0.0f));
+  out.share = max((mantissa - BLEND_FROM) * (1 / (2 - BLEND_FROM)), splat(0.0f));
+  out.blended = lit & (out.share > 0.0f);
+  out.first = out.second = {{zero, zero, zero, zero}, splat(0.0f), splat(0.0f)};
   for (unsigned lanes = to_bits(lit); lanes;) {
     int geom = lane(hit.geom, first_lane(lanes));
     Mask here = (hit.geom == splat(geom)) & mask_from_bits(lanes);
@@ -199,10 +236,9 @@ void cached_irradiance(const Frame& f, const IrradianceView& cache, NodeRequests
       int index = lane(level, first_lane(left));
       Mask at_level = (level == splat(index)) & mask_from_bits(left);
       left &= ~to_bits(at_level);
-      add_level<COLOURS>(cache, requests, g, geom, index, p, n, 1.0f - next, at_level, out);
-      at_level = at_level & (next > 0.0f);
-      if (any(at_level))
-        add_level<COLOURS>(cache, requests, g, geom, index + 1, p, n, next, at_level, out);
+      find_cells(cache, requests, g, geom, index, p, n, at_level, out.first);
+      at_level = at_level & out.blended;
+      if (any(at_level)) find_cells(cache, requests, g, geom, index + 1, p, n, at_level, out.second);
     }
   }
 }

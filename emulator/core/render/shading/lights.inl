@@ -14,6 +14,11 @@ struct Incidence {
   Float strength;  // attenuation times cone, without shadows
 };
 
+// Does it have a size? `direct` takes it for a point all the same.
+EVS_INLINE bool is_bulb(const Light& light) {
+  return light.radius > 0 && light.kind != DIRECTIONAL;
+}
+
 EVS_INLINE Incidence incidence(const Light& light, Vec point) {
   Incidence in;
   if (light.kind == DIRECTIONAL) {

@@ -19,7 +19,7 @@ void relight_pair_avx512(const Frame& f, int column, int row, const Outputs& out
 
 void trace_hybrid_pair_avx512(const Frame& f, const PathFrame& p, const IrradianceView& cache,
                               NodeRequests& requests, int column, int row, const Outputs& out) {
-  avx512_pairs::trace_hybrid(f, p, cache, requests, column, row, out);
+  avx512_pairs::trace_hybrid(f, p, cache, requests, column, row, out, nullptr);
 }
 
 }  // namespace evs
