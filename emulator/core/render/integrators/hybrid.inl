@@ -159,39 +159,65 @@ struct HybridShading {
     return near > widest * 1.0001f + 1e-5f * cone.length;
   }
 
-  // Call visit(geom) for the geoms that may hide a lamp, a sphere, from a point, until it returns
-  // true: those near the rays from the box of the points to the sphere; convex ones never hide it
-  // from themselves. `lamp`: a geom, or -1. Returns whether one returned true, or whether there are
-  // too many to visit.
-  template <int CHANNELS, class Visit>
-  bool visit_hiding(const Surfaces<CHANNELS>& at, V3 position, float radius, int lamp,
-                    const Visit& visit) const {
-    const Frame& f = at.f;
-    RayCone cone = bounding_sphere(at.bounds.of(at.interaction, at.lit));
-    cone.radius += at.bounds.box.step;
+  // The rays from points in a box to a lamp, a sphere. Returns false where points lie in it.
+  EVS_INLINE static bool cone_to_lamp(const BoundingBox& box, V3 position, float radius,
+                                      RayCone& cone) {
+    cone = bounding_sphere(box);
+    cone.radius += box.step;
     V3 w = position - cone.center;
     float distance = __builtin_sqrtf(dot(w, w));
     cone.axis = normalized(w);
     cone.length = distance + radius;
-    if (radius > cone.radius) {
-      if (!(distance > radius)) return true;
-      cone.sine = (radius - cone.radius) / distance;
-      cone.cosine = __builtin_sqrtf(1 - cone.sine * cone.sine);
-    }
-    if (f.bvh.top > 0 && cone_may_touch(f.finite_bounds, cone)) return true;
+    if (!(radius > cone.radius)) return true;
+    if (!(distance > radius)) return false;
+    cone.sine = (radius - cone.radius) / distance;
+    cone.cosine = __builtin_sqrtf(1 - cone.sine * cone.sine);
+    return true;
+  }
+
+  // Call visit(geom, cone, lanes) for the geoms that may hide a lamp, a sphere, from the points of
+  // `lanes`, until it returns true: those near the rays from a box of points to the sphere; convex
+  // ones never hide it from themselves. `lamp`: a geom, or -1. Returns whether one returned true, or
+  // whether a point lies in the sphere.
+  template <int CHANNELS, class Visit>
+  bool visit_hiding(const Surfaces<CHANNELS>& at, V3 position, float radius, int lamp, Mask lanes,
+                    const Visit& visit) const {
+    const Frame& f = at.f;
+    RayCone cone;
+    if (!cone_to_lamp(at.bounds.of(at.interaction, at.lit), position, radius, cone)) return true;
+    auto consider = [&](int index, const RayCone& near, Mask points) {
+      const Geom& g = f.geoms[index];
+      bool mesh = g.shape == MESH || g.shape == HFIELD;
+      if (index == lamp && !mesh) return false;
+      points = lanes_to_test(f, index, at.hit.geom, points);
+      if (!any(points)) return false;
+      const float* r = g.rotation;
+      // only the front of a plane stops rays
+      V3 up = {r[2], r[5], r[8]};
+      if (g.shape == PLANE && dot(position - g.position, up) > radius * 1.00001f) return false;
+      return visit(index, near, points);
+    };
     for (int k = 0, end = candidates_end(f, cone); k < end; k += LANES) {
       for (unsigned near = candidates(f, k, end, cone); near; near &= near - 1) {
-        int index = k + first_lane(near);
-        const Geom& g = f.geoms[index];
-        bool mesh = g.shape == MESH || g.shape == HFIELD;
-        if (index == lamp && !mesh) continue;
-        if (!any(lanes_to_test(f, index, at.hit.geom, at.lit))) continue;
-        const float* r = g.rotation;
-        // only the front of a plane stops rays
-        V3 up = {r[2], r[5], r[8]};
-        if (g.shape == PLANE && dot(position - g.position, up) > radius * 1.00001f) continue;
-        if (visit(index, cone)) return true;
+        if (consider(k + first_lane(near), cone, lanes)) return true;
       }
+    }
+    if (f.bvh.top == 0 || !cone_may_touch(f.finite_bounds, cone)) return false;
+    // many geoms: go by bundles of points that lie near each other
+    Vec start = at.interaction.spawn_point;
+    while (any(lanes)) {
+      int i = first_lane(to_bits(lanes));
+      Vec apart = start - splat(V3{lane(start.x, i), lane(start.y, i), lane(start.z, i)});
+      Mask bundle = lanes & (dot(apart, apart) <= f.bvh.fine * f.bvh.fine);
+      bundle = bundle | mask_from_bits(1u << i);
+      lanes = lanes & ~bundle;
+      BoundingBox box = bounding_box(start, at.interaction.step, bundle);
+      if (!cone_to_lamp(box, position, radius, cone)) return true;
+      GeomSet found;
+      find_geoms(f.bvh, cone, found);
+      bool stopped = false;
+      found.visit([&](int index) { return stopped = consider(index, cone, bundle); });
+      if (stopped) return true;
     }
     return false;
   }
@@ -296,15 +322,11 @@ struct HybridShading {
     const Frame& f = at.f;
     Float seen = splat(1.0f);
     Mask dark = mask_from_bits(0), partly = dark, unknown = dark;
-    bool many = visit_hiding(at, light.position, light.radius, -1, [&](int index, const RayCone&) {
+    // near the bulb it is not
+    Mask near = facing & (in.distance < 2 * light.radius);
+    auto hide = [&](int index, const RayCone&, Mask lanes) {
       const Geom& g = f.geoms[index];
-      Mask lanes = lanes_to_test(f, index, at.hit.geom, facing & ~dark);
-      // In a packet of other points another geom may be left out here: what it adds in these lanes
-      // must be nothing.
-      if (p.transparent || f.bvh.top > 0) {
-        unknown = unknown | lanes;
-        return false;
-      }
+      lanes = lanes & ~dark;
       if (g.shape != SPHERE && g.shape != CAPSULE && g.shape != PLANE) {
         const BoundingSphereArray& b = f.bounds;
         Vec center = splat(V3{b.x[index], b.y[index], b.z[index]});
@@ -316,14 +338,21 @@ struct HybridShading {
       Cover cover = g.shape == PLANE ? cover_of_plane(at, g, light, in, lanes)
                                      : cover_of(at, g, in, light.radius, splat(g.position),
                                                 g.size[0], g.shape == CAPSULE, lanes);
+      if (p.transparent) {
+        unknown = unknown | cover.dark | cover.partly | cover.inside | cover.unknown;
+        return false;
+      }
       dark = dark | cover.dark;
-      // what two geoms hide together is not known
-      unknown = unknown | cover.unknown | (cover.partly & partly);
+      // What two geoms hide together is not known. Of many geoms, other packets may miss one that is
+      // near, but hides nothing: what it decides must not matter.
+      unknown = unknown | cover.unknown | (f.bvh.top > 0 ? cover.partly : cover.partly & partly);
       partly = partly | cover.partly;
       seen = select(cover.partly, 1.0f - cover.share, seen);
       return false;
-    });
-    unknown = many ? facing : unknown & ~dark;
+    };
+    bool inside = visit_hiding(at, light.position, light.radius, -1, facing, hide);
+    dark = dark & ~near;
+    unknown = inside ? facing : (unknown & ~dark) | near;
     seen = select(dark, splat(0.0f), seen);
     if (!any(unknown)) return seen;
     // rays to points of the bulb: all of them only where the first ones are not alike
@@ -410,11 +439,12 @@ struct HybridShading {
     V3 center = {b.x[e.geom], b.y[e.geom], b.z[e.geom]};
     if (g.shape == PLANE) center = g.position;
     float radius = g.shape == PLANE ? g.size[0] + g.size[1] : b.radius[e.geom];
-    bool hidden = visit_hiding(at, center, radius, e.geom, [&](int other, const RayCone& cone) {
+    auto hides = [&](int other, const RayCone& cone, Mask lanes) {
       const Geom& box = f.geoms[other];
       if (box.shape != BOX) return true;
-      return any(others & ~beyond(at, box, center, radius)) && !aside(box, cone, center, radius);
-    });
+      return any(lanes & ~beyond(at, box, center, radius)) && !aside(box, cone, center, radius);
+    };
+    bool hidden = visit_hiding(at, center, radius, e.geom, others, hides);
     // the surface's share of each colour
     alignas(64) float shares[3][LANES] = {};
     for (unsigned lanes = to_bits(others); lanes; lanes &= lanes - 1) {
