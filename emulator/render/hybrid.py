@@ -13,7 +13,7 @@ from evs.emulator.state import number, numbers
 from evs.msgs import EvsError
 
 MAX_COARSER = 20
-KEYS, LIGHT = 8, 27
+KEYS, LIGHT = 7, 27
 """numbers of a node: irradiance_cache.h"""
 DAMAGED = "saved state is damaged: the cache of the renderer is invalid; save it again"
 

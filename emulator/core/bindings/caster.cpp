@@ -548,7 +548,7 @@ void bind_caster(nb::module_& m) {
            "Copy the irradiance cache of hybrid, of n = work[\"cache_nodes\"] nodes.\n"
            "\n"
            "Args:\n"
-           "    numbers: (n, 8) int32, the output: each node's key and flags.\n"
+           "    numbers: (n, 7) int32, the output: each node's key and flags.\n"
            "    light: (n, 27) float32, the output: each node's place and light.\n"
            "\n"
            "Returns:\n"

@@ -82,6 +82,7 @@ void Caster::set_hybrid(const Optics& optics, const Tracing& tracing, const Scen
 
 // The frame in which nodes are lit, and the points of glowing geoms.
 void Caster::place_hybrid() {
+  paths_.world = frame_.camera_to_world;
   colour_frame_ = frame_;
   node_lights_ = appearance_.lights;
   for (size_t i = 0; i < node_lights_.size(); i++) {
@@ -163,6 +164,7 @@ void Caster::trace_hybrid(bool same, bool selective, const Outputs& out) {
 bool Caster::hybrid_passes(const IrradianceCache::Tracer& tracer, bool records, bool selective,
                            const Outputs& out) {
   IrradianceCache& cache = *irradiance_;
+  cache.begin_pass(IrradianceCache::ALL_PIXELS);
   const Outputs base_out = antialiasing_ ? antialiasing_->base() : out;
   const Frame base_frame = antialiasing_ ? antialiasing_->base_frame(frame_) : frame_;
   std::atomic<long> traced{0}, relit{0};
@@ -236,7 +238,9 @@ bool Caster::hybrid_passes(const IrradianceCache::Tracer& tracer, bool records, 
   work_.packets_traced += traced;
   work_.packets_relit += relit;
   traced_fraction_ = std::min(1.0, static_cast<double>(traced) / static_cast<double>(packets));
+  if (fits && cache.swept()) cache.take_readers();
   if (!fits || !antialiasing_) return fits;
+  cache.begin_pass(IrradianceCache::EDGES);
   antialiasing_->close_margin();
   fits = complete_rows([&](int row, int worker) {
     auto refine = [&](int column, int, unsigned pixels, float* luminance, float* rgb) {

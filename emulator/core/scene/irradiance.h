@@ -20,9 +20,12 @@ struct NodeRequest {
   float point[3], normal[3];
 };
 
-// Of several hits that ask for one node, the first is taken: an order of their bits.
-inline bool is_before(const NodeRequest& a, const NodeRequest& b) {
-  return __builtin_memcmp(a.point, b.point, sizeof a.point + sizeof a.normal) < 0;
+// Of several hits that ask for one node, the first is taken: an order of their bits. In: hits with
+// a point and a normal.
+template <class A, class B>
+inline bool is_before(const A& a, const B& b) {
+  int order = __builtin_memcmp(a.point, b.point, sizeof a.point);
+  return order != 0 ? order < 0 : __builtin_memcmp(a.normal, b.normal, sizeof a.normal) < 0;
 }
 
 // The four nodes of a cell. In the key: its first node, and the face itself.
@@ -31,15 +34,23 @@ struct CellNodes {
   int32_t node[4];
 };
 
-// Where a packet asks for nodes.
+// A hit, in the geom's frame, that reads a cell's nodes.
+struct CellReader {
+  int32_t node[4];
+  float point[3], normal[3];
+};
+
+// Where a packet asks for nodes, and says from where it reads them.
 struct NodeRequests {
   static constexpr int ROOM = 1024, CELLS = 256;
   CellNodes cells[CELLS];  // found lately in this tick, by part of their key's hash
   bool complete = true;    // nothing is missing
   int count = 0;
   NodeRequest at[ROOM];
+  int reader_count = 0;
+  CellReader readers[ROOM];
   void* owner = nullptr;
-  void (*keep)(NodeRequests&) = nullptr;  // empties it when it is full
+  void (*keep)(NodeRequests&) = nullptr;  // empties both when one is full
 };
 
 // The hash table: linear probing; an entry is found by 64 bits of its key's hash.
@@ -58,13 +69,15 @@ constexpr int LAMP_POINTS = 64;  // on each glowing geom
 constexpr int BULB_POINTS = 16;  // on each bulb
 
 struct IrradianceView {
-  bool off;  // there is no such light
+  bool off;      // there is no such light
+  bool readers;  // each packet says from where it reads
   const NodeSlot* slots;
   uint32_t mask;       // of the place in the table
   // (nodes, 4) irradiance over pi by channel: what white paper reflects; and the luminance that the
   // node's surface reflects of it
   const float* light;
-  uint8_t* used;       // (nodes) not 0: read since the last sweep
+  uint8_t pass;        // over the pixels, one bit
+  uint8_t* used;       // (nodes) the passes that read it since the last sweep
   float spacing;       // largest, for 1 m of distance; orthographic: m
   const float *lamp_x, *lamp_y;  // (LAMP_POINTS) evenly spread points, 0 ... 1
   // (emitters, LAMP_POINTS), the outermost first
@@ -90,10 +103,9 @@ struct NodeArray {
   int32_t *geom, *hash;
   // of nodes on meshes, local frame: a ray down to the surface, up to `reach`
   float *origin[3], *direction[3], *reach;
-  // the hit that asked for the node, local frame, which takes its place where that ray meets
-  // nothing, or where something lies between them
+  // a hit that reads the node, local frame, which takes its place where that ray meets nothing, or
+  // where something lies between them
   float *hit_point[3], *hit_normal[3];
-  int32_t* moved;  // not 0: it lies where that hit was
 };
 
 inline uint64_t mix_bits(uint64_t a) {
@@ -129,6 +141,9 @@ inline int find_node(const NodeSlot* slots, uint32_t mask, const NodeKey& key) {
   }
 }
 
+// Of lattices without a border, in spacings: coordinates of scenes are often round numbers, and nodes
+// where geoms meet would be lit or dark by rounding.
+constexpr float LATTICE_SHIFT = 0.381966f;
 constexpr float SHEET = 4;  // spacings: parts of a mesh farther apart have nodes of their own
 
 // How the lattice of a bounded shape divides its bounding box.

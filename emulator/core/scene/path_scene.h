@@ -131,6 +131,7 @@ struct PathFrame {
   float environment_probability;  // of sampling it instead of an emitter
   EnvironmentDistribution environment;
   const Emitter* emitters;
+  const float* world;  // camera to world, where directions must not turn with the camera; or null
   int emitter_count;
   const int* emitter_of_geom;  // -1: found by BSDF sampling only
 };

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from evs.emulator import World, _core
-from evs.emulator.base.scene import CameraPose, LightKind, Shape
+from evs.emulator.base.scene import CameraPose
 from evs.emulator.config import RenderConfig
 from evs.emulator.render import make_renderer
 from evs.emulator.render.hybrid import HybridRenderer
@@ -21,11 +21,10 @@ from evs.msgs import EvsError
 from reference import path_stages
 from reference.ball_room import ball_room
 from reference.random_scenes import RandomStage
-from reference.stage import Builder, Stage, matt, matt_rgb
+from reference.stage import Stage
 
 HYBRID = RenderConfig(renderer="hybrid", spp=2)
 RENEWAL, QUARTERS = 16, 4
-SETTLED = RENEWAL * (QUARTERS + 2)
 DROPPED = 2 * RENEWAL * QUARTERS
 REST = 3 * RENEWAL * QUARTERS
 
@@ -199,58 +198,6 @@ def test_a_full_cache_has_a_coarser_lattice(monkeypatch: pytest.MonkeyPatch) -> 
     assert lights[2] == lights[3]
     coarse = np.frombuffer(lights[0][0], np.float32).reshape(fine.shape)
     assert abs((coarse - fine).mean()) < 0.1 * fine.mean()
-
-
-def night_and_day() -> tuple[Stage, Stage]:
-    """A box in a corner; and the same with something else in front of it."""
-
-    def of(x: float) -> Stage:
-        made = Builder()
-        made.add(Shape.PLANE, (2, 2, 1), (0, 0, 0), matt(0.7))
-        made.add(Shape.BOX, (0.05, 1, 1), (-1, 0, 1), matt_rgb((0.8, 0.2, 0.2)))
-        made.add(Shape.SPHERE, (0.3,), (x, 0, 0.5), matt(0.5))
-        made.shine(LightKind.POINT, (0.2, -1, 2), attenuation=(0, 0, 1), diffuse=(2, 2, 2))
-        made.shine(
-            LightKind.DIRECTIONAL, towards=(0, 0, -1), ambient=(0.3, 0.3, 0.3), diffuse=(0, 0, 0)
-        )
-        return made.look((0.4, -3, 1.2), (0, 0, 0.5))
-
-    return of(0.4), of(-0.5)
-
-
-def test_what_changed_is_forgotten_after_a_known_time() -> None:
-    before, after = night_and_day()
-    one, fresh = renderer_of(before), renderer_of(after)
-    one.render(before.shot, before.pose)
-    for _ in range(SETTLED):
-        light = one.render(after.shot, after.pose)
-    expected = fresh.render(after.shot, after.pose)
-    # but for nodes that what stood there before had pushed aside
-    apart = np.abs(light - expected) > 0.02 * expected + 1e-4
-    assert apart.mean() < 0.002
-    # nodes that are no longer seen are dropped, and their neighbours settle
-    for _ in range(DROPPED):
-        light = one.render(after.shot, after.pose)
-    rest = light.copy()
-    for _ in range(QUARTERS * RENEWAL):
-        np.testing.assert_array_equal(one.render(after.shot, after.pose), rest)
-
-
-def test_cached_light_changes_in_small_equal_steps() -> None:
-    before, after = night_and_day()
-    dark = tuple(replace(light, diffuse=(0.0, 0.0, 0.0)) for light in before.scene.lights)
-    # the sky alone : all of its light is cached
-    sky = replace(before, scene=replace(before.scene, lights=dark))
-    one = renderer_of(sky, spp=1)
-    old = one.render(sky.shot, sky.pose).copy()
-    lights = [one.render(after.shot, after.pose).copy() for _ in range(SETTLED + 1)]
-    # where the picture shows the same geom before and after, light goes from old to new
-    same = one.hits(before.shot, before.pose)[0] == one.hits(after.shot, after.pose)[0]
-    steps = np.abs(np.diff([old, *lights], axis=0))[1:, same]
-    whole = np.abs(lights[-1] - old)[same].max()
-    assert whole > 0.05 * old.max()
-    # all quarters could change by four times as much as their mean
-    assert steps.max() <= 1.01 * old.max() / (RENEWAL * QUARTERS)
 
 
 @pytest.mark.statistical

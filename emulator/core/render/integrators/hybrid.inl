@@ -364,7 +364,7 @@ struct HybridShading {
           splat(k < 0 ? RIM : cache.lamp_x[k] + CENTRE),
           splat(k < 0 ? static_cast<float>(-1 - k) * 0.25f + 0.125f : cache.lamp_y[k] + CENTRE)};
       Float distance;
-      Vec wi = sample_cone(in.wi, in.distance, light.radius, u, distance);
+      Vec wi = sample_cone(in.wi, in.distance, light.radius, u, p.world, distance);
       return transmittance(f, p, at.interaction.spawn_point, wi, max(distance, splat(0.0f)),
                            at.hit.geom, traced, light.non_occluders, nullptr);
     };

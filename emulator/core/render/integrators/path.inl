@@ -91,7 +91,8 @@ inline void add_lamp(const Frame& f, const PathFrame& p, const Bsdf& s, Vec d,
   if (is_bulb(light)) {
     // sample a direction to a bulb, which gives as much light as an emissive sphere
     Mask outside = in.distance > light.radius;
-    BulbSample sample = sample_bulb(s, d, in.wi, in.distance, light.radius, u_point, lit & outside);
+    BulbSample sample =
+        sample_bulb(s, d, in.wi, in.distance, light.radius, u_point, p.world, lit & outside);
     in.wi = select(outside, sample.wi, in.wi);
     in.distance = select(outside, max(sample.distance, splat(0.0f)), in.distance);
     in.strength = select(outside, in.strength * sample.share, in.strength);
@@ -252,7 +253,7 @@ inline bool direct_lighting(const Frame& f, const PathFrame& p, int bounce, cons
   if (bounce > p.bounces) return false;
 
   const Bsdf& s = at.bsdf =
-      make_bsdf(interaction, rays.direction, bounce == 0 ? p.lobe_samples : 1);
+      make_bsdf(interaction, rays.direction, bounce == 0 ? p.lobe_samples : 1, p.world);
   Float* received = at.received;
   for (int c = 0; c < 3; c++) received[c] = zero;
   // sample MuJoCo's lights: all at the first vertex, one at random later

@@ -9,12 +9,15 @@
 namespace evs {
 namespace {
 
+constexpr int BOTH = IrradianceCache::ALL_PIXELS | IrradianceCache::EDGES;
 constexpr size_t MIN_ROOM = 1 << 16;
 constexpr int LANES = 32;  // at most, of a kernel
 constexpr int MAX_COARSER = 20;
 // of keys that kernels ask for
 constexpr int MAX_LEVEL = 60;
 constexpr long MAX_PLACE = 1000000001;
+// Nodes at the edge of a face lie a little inside: other geoms often begin there.
+constexpr float INNER = 0.999f;
 constexpr float DISTANCE = 40;  // from which a lattice of spacing 1 is seen
 
 auto order_of(const NodeKey& k) { return std::tie(k.geom, k.level, k.face, k.x, k.y, k.z); }
@@ -39,8 +42,8 @@ void surface_point(const Geom& g, const NodeKey& key, float* p, float* n) {
   for (int a = 0; a < 3; a++) n[a] = 0;
   if (g.shape == PLANE) {
     for (int a = 0; a < 2; a++) {
-      p[a] = at[a] * lattice.spacing;
-      if (g.size[a] > 0) p[a] = std::clamp(p[a], -g.size[a], g.size[a]);
+      p[a] = (at[a] + LATTICE_SHIFT) * lattice.spacing;
+      if (g.size[a] > 0) p[a] = std::clamp(p[a], -g.size[a] * INNER, g.size[a] * INNER);
     }
     p[2] = 0;
     n[2] = 1;
@@ -53,16 +56,18 @@ void surface_point(const Geom& g, const NodeKey& key, float* p, float* n) {
   }
   switch (g.shape) {
     case BOX:
+      for (int a = 0; a < 3; a++) p[a] *= a == key.face / 2 ? 1 : INNER;
       n[key.face / 2] = key.face % 2 ? -1.0f : 1.0f;
       return;
     case CYLINDER: {
       float ring = length(c[0], c[1], 0);
       bool side = key.face == 6;
       if (side || ring > 1) {
-        float inward = 1 / std::max(ring, 1e-6f);
+        float inward = (side ? 1 : INNER) / std::max(ring, 1e-6f);
         p[0] *= inward;
         p[1] *= inward;
       }
+      if (side) p[2] *= INNER;
       if (!side) n[2] = key.face % 2 ? -1.0f : 1.0f;
       for (int a = 0; a < 2 && side; a++) n[a] = p[a] / half[0];
       return;
@@ -116,7 +121,7 @@ IrradianceCache::IrradianceCache(size_t nodes, float spacing, int workers)
     w.requests.owner = &w;
     w.requests.keep = keep;
     w.floats.resize(static_cast<size_t>(FLOATS) * room);
-    w.ints.resize(3 * room);
+    w.ints.resize(2 * room);
     float* next = w.floats.data();
     auto array = [&] { return std::exchange(next, next + room); };
     NodeArray& n = w.nodes;
@@ -128,7 +133,6 @@ IrradianceCache::IrradianceCache(size_t nodes, float spacing, int workers)
     n.reach = array();
     n.geom = w.ints.data();
     n.hash = n.geom + room;
-    n.moved = n.hash + room;
   }
   clear();
 }
@@ -187,6 +191,12 @@ void IrradianceCache::clear() {
   drop_nodes();
 }
 
+void IrradianceCache::begin_pass(Pass pass) {
+  view_.pass = pass;
+  // what another pass has marked
+  forget_cells();
+}
+
 // The workers' cells hold while no node goes and the tick lasts, in which reading a node marks it.
 void IrradianceCache::forget_cells() {
   for (Worker& w : workers_) {
@@ -207,9 +217,14 @@ void IrradianceCache::drop_nodes() {
   nodes_.clear();
   light_.clear();
   used_.clear();
+  known_.clear();
   phase_.clear();
   wanted_.clear();
-  for (Worker& w : workers_) w.kept.clear();
+  for (Worker& w : workers_) {
+    w.kept.clear();
+    w.readers.clear();
+    w.requests.reader_count = 0;
+  }
   rehash(1 << 12);
   refresh_view();
 }
@@ -219,6 +234,7 @@ void IrradianceCache::refresh_view() {
   view_.mask = static_cast<uint32_t>(slots_.size() - 1);
   view_.light = light_.data();
   view_.used = used_.data();
+  view_.readers = swept();
   view_.spacing = std::ldexp(spacing_, coarser_);
   view_.lamp_x = lamp_x_;
   view_.lamp_y = lamp_y_;
@@ -231,10 +247,11 @@ void IrradianceCache::insert(int node) {
   slots_[at] = {static_cast<uint32_t>(hash >> 32), node};
 }
 
-void IrradianceCache::add(const Node& node, bool used) {
+void IrradianceCache::add(const Node& node, int used, int known) {
   nodes_.push_back(node);
   phase_.push_back(hash_of(node.key) >> 60);
-  used_.push_back(used);
+  used_.push_back(static_cast<uint8_t>(used));
+  known_.push_back(static_cast<uint8_t>(known));
   light_.resize(4 * nodes_.size());
   if (slots_.size() < 4 * nodes_.size()) {
     rehash(2 * slots_.size());
@@ -255,7 +272,6 @@ void IrradianceCache::place(const Geom& g, const Node& node, const NodeArray& to
   to.geom[at] = key.geom;
   to.hash[at] = static_cast<int32_t>(hash_of(key));
   to.path_length[at] = spacing * DISTANCE;
-  to.moved[at] = node.moved;
   for (int a = 0; a < 3; a++) {
     to.hit_point[a][at] = node.point[a];
     to.hit_normal[a][at] = node.normal[a];
@@ -263,10 +279,6 @@ void IrradianceCache::place(const Geom& g, const Node& node, const NodeArray& to
   if (!is_mesh(g)) {
     float p[3], n[3], point[3], normal[3];
     surface_point(g, key, p, n);
-    if (node.moved) {
-      std::copy_n(node.point, 3, p);
-      std::copy_n(node.normal, 3, n);
-    }
     rotate(g.rotation, p, point);
     rotate(g.rotation, n, normal);
     const float origin[3] = {g.position.x, g.position.y, g.position.z};
@@ -283,15 +295,15 @@ void IrradianceCache::place(const Geom& g, const Node& node, const NodeArray& to
     to.direction[a][at] = a == axis ? -side : 0.0f;
     float whole = static_cast<float>(lattice[a]);
     // from half a spacing above the sheet
-    if (a == axis) whole = (whole + 0.5f) * SHEET + side * (0.5f * SHEET + 0.5f);
+    whole = a == axis ? (whole + 0.5f) * SHEET + side * (0.5f * SHEET + 0.5f) : whole + LATTICE_SHIFT;
     to.origin[a][at] = whole * spacing;
   }
-  to.reach[at] = node.moved ? -1.0f : (SHEET + 1) * spacing;
+  to.reach[at] = (SHEET + 1) * spacing;
 }
 
 // Trace some quarters of the paths of some nodes.
 void IrradianceCache::light(const Tracer& t, const std::vector<int32_t>& which, int first_quarter,
-                            int quarters, bool added) {
+                            int quarters) {
   int count = static_cast<int>(which.size());
   t.pool.run((count + CHUNK - 1) / CHUNK, [&](int job, int worker) {
     NodeArray& array = workers_[worker].nodes;
@@ -306,9 +318,8 @@ void IrradianceCache::light(const Tracer& t, const std::vector<int32_t>& which, 
       while (k < array.count && array.geom[k] == geom) k++;
       if (is_mesh(t.frame.geoms[geom])) t.kernel.place_mesh_nodes(t.frame, array, first, k);
     }
-    if (added) t.kernel.move_hidden_nodes(t.frame, array);
+    t.kernel.move_hidden_nodes(t.frame, array);
     for (int k = 0; k < array.count; k++) {
-      nodes_[which[begin + k]].moved = array.moved[k];
       const float* r = t.frame.geoms[array.geom[k]].rotation;
       for (int a = 0; a < 3; a++) {
         nodes_[which[begin + k]].facing[a] = array.normal[0][k] * r[a] +
@@ -357,7 +368,7 @@ void IrradianceCache::average(const Frame& frame, int k) {
     key.y += offset[1];
     key.z += offset[2];
     int neighbour = find_node(view_.slots, view_.mask, key);
-    if (neighbour < 0) continue;
+    if (neighbour < 0 || !counts(static_cast<size_t>(neighbour))) continue;
     const Node& other = nodes_[neighbour];
     float cosine = 0, mean[3];
     for (int a = 0; a < 3; a++) cosine += node.facing[a] * other.facing[a];
@@ -385,6 +396,7 @@ void IrradianceCache::sweep() {
     if (!used_[k]) continue;
     nodes_[kept] = nodes_[k];
     phase_[kept] = phase_[k];
+    known_[kept] = used_[k];
     kept++;
   }
   std::fill(used_.begin(), used_.end(), uint8_t{0});
@@ -392,6 +404,7 @@ void IrradianceCache::sweep() {
   nodes_.resize(kept);
   phase_.resize(kept);
   used_.resize(kept);
+  known_.resize(kept);
   light_.resize(4 * kept);
   rehash(slots_.size());
   refresh_view();
@@ -399,7 +412,6 @@ void IrradianceCache::sweep() {
 
 void IrradianceCache::next_tick(const Tracer& t) {
   tick_++;
-  forget_cells();
   if (tick_ % CYCLE_TICKS == 0) sweep();
   int turn = static_cast<int>(tick_ % RENEWAL_TICKS);
   int quarter = static_cast<int>(tick_ / RENEWAL_TICKS % QUARTERS);
@@ -407,7 +419,7 @@ void IrradianceCache::next_tick(const Tracer& t) {
   for (int k = 0; k < size(); k++) {
     if (phase_[k] == turn) due_.push_back(k);
   }
-  light(t, due_, quarter, 1, false);
+  light(t, due_, quarter, 1);
   int due = static_cast<int>(due_.size());
   t.pool.run((due + CHUNK - 1) / CHUNK, [&](int job, int) {
     for (int i = job * CHUNK; i < std::min((job + 1) * CHUNK, due); i++) {
@@ -434,6 +446,26 @@ void IrradianceCache::keep(NodeRequests& requests) {
   auto& kept = static_cast<Worker*>(requests.owner)->kept;
   kept.insert(kept.end(), requests.at, requests.at + requests.count);
   requests.count = 0;
+  auto& readers = static_cast<Worker*>(requests.owner)->readers;
+  readers.insert(readers.end(), requests.readers, requests.readers + requests.reader_count);
+  requests.reader_count = 0;
+}
+
+void IrradianceCache::take_readers() {
+  read_.assign(nodes_.size(), 0);
+  for (Worker& w : workers_) {
+    keep(w.requests);
+    for (const CellReader& reader : w.readers) {
+      for (int k : reader.node) {
+        if (read_[k] && !is_before(reader, nodes_[k])) continue;
+        read_[k] = 1;
+        std::copy_n(reader.point, 3, nodes_[k].point);
+        std::copy_n(reader.normal, 3, nodes_[k].normal);
+      }
+    }
+    w.readers.clear();
+  }
+  view_.readers = false;
 }
 
 bool IrradianceCache::collect(int worker) {
@@ -469,12 +501,12 @@ bool IrradianceCache::add_requested(const Tracer& t) {
     node.key = request.key;
     std::copy_n(request.point, 3, node.point);
     std::copy_n(request.normal, 3, node.normal);
-    add(node, false);
+    add(node, 0, view_.pass);
   }
   refresh_view();
   due_.clear();
   for (size_t k = first; k < count; k++) due_.push_back(static_cast<int32_t>(k));
-  light(t, due_, 0, QUARTERS, true);
+  light(t, due_, 0, QUARTERS);
   for (size_t k = first; k < count; k++) {
     average(t.frame, static_cast<int>(k));
     std::copy_n(nodes_[k].mean, 3, nodes_[k].before);
@@ -485,7 +517,7 @@ bool IrradianceCache::add_requested(const Tracer& t) {
 
 size_t IrradianceCache::bytes() const {
   return nodes_.capacity() * sizeof(Node) + light_.capacity() * sizeof(float) + used_.capacity() +
-         phase_.capacity() + slots_.capacity() * sizeof(NodeSlot);
+         known_.capacity() + phase_.capacity() + slots_.capacity() * sizeof(NodeSlot);
 }
 
 void IrradianceCache::save(int32_t* ints, float* floats) const {
@@ -493,7 +525,7 @@ void IrradianceCache::save(int32_t* ints, float* floats) const {
     const Node& node = nodes_[k];
     const NodeKey& key = node.key;
     const int32_t row[STATE_INTS] = {key.geom, key.level, key.face, key.x,
-                                     key.y,    key.z,     used_[k], node.moved};
+                                     key.y,    key.z,     used_[k] | known_[k] << 2};
     ints = std::copy_n(row, STATE_INTS, ints);
     std::memcpy(floats, static_cast<const NodeFloats*>(&node), sizeof(NodeFloats));
     floats += STATE_FLOATS;
@@ -518,10 +550,9 @@ bool IrradianceCache::restore(long tick, int coarser, int count, const int32_t* 
     const int32_t* row = ints + static_cast<long>(k) * STATE_INTS;
     Node node = {};
     node.key = {row[0], row[1], row[2], row[3], row[4], row[5]};
-    node.moved = row[7] != 0;
     std::memcpy(static_cast<NodeFloats*>(&node), floats, sizeof(NodeFloats));
     floats += STATE_FLOATS;
-    add(node, row[6] != 0);
+    add(node, row[6] & BOTH, row[6] >> 2 & BOTH);
   }
   refresh_view();
   return true;

@@ -62,6 +62,10 @@ class IrradianceCache {
     view_.tint = tint;
     view_.lamp_points = lamp_points;
   }
+  // Passes over the pixels. Which nodes all of them read does not depend on light; where edges are
+  // does, so nodes that only edges read are left out of the means of their neighbours.
+  enum Pass : uint8_t { ALL_PIXELS = 1, EDGES = 2 };
+  void begin_pass(Pass pass);
   // Of one worker: empty before each packet.
   NodeRequests& requests(int worker) { return workers_[worker].requests; }
   // Keep what a packet has requested. Returns whether it was complete.
@@ -69,6 +73,9 @@ class IrradianceCache {
   // Add and light the nodes that were requested. Returns false where there was no room: the lattice
   // is then coarser, and every pixel must be traced again.
   bool add_requested(const Tracer& tracer);
+  // Take the first hit that has read each node in this tick, if the packets said. Nodes that it does
+  // not see move there when it is their turn.
+  void take_readers();
   // After the first tick: average all nodes again, now that all neighbours are there.
   void settle(const Frame& frame);
 
@@ -78,7 +85,7 @@ class IrradianceCache {
   size_t bytes() const;
 
   // The state, for saving: rows of STATE_INTS and STATE_FLOATS numbers.
-  static constexpr int STATE_INTS = 8, STATE_FLOATS = 27;
+  static constexpr int STATE_INTS = 7, STATE_FLOATS = 27;
   long tick() const { return tick_; }
   int coarser() const { return coarser_; }
   void save(int32_t* ints, float* floats) const;
@@ -88,7 +95,7 @@ class IrradianceCache {
 
  private:
   struct NodeFloats {
-    float point[3], normal[3];   // of the hit that asked for it
+    float point[3], normal[3];   // of a hit that reads it, in the geom's frame
     float facing[3];             // normal where it lies, in the geom's frame
     float quarter[QUARTERS][3];  // sums
     float before[3], mean[3];    // with its neighbours
@@ -96,11 +103,11 @@ class IrradianceCache {
   static_assert(sizeof(NodeFloats) == STATE_FLOATS * sizeof(float));
   struct Node : NodeFloats {
     NodeKey key;
-    int moved;  // not 0: it lies where that hit was
   };
   struct alignas(64) Worker {
     NodeRequests requests;
     std::vector<NodeRequest> kept;
+    std::vector<CellReader> readers;
     std::vector<float> floats;
     std::vector<int32_t> ints;
     NodeArray nodes;
@@ -110,13 +117,14 @@ class IrradianceCache {
   static void keep(NodeRequests& requests);
   static void place(const Geom& g, const Node& node, const NodeArray& to, int at);
   void light(const Tracer& tracer, const std::vector<int32_t>& which, int first_quarter,
-             int quarters, bool added);
+             int quarters);
+  bool counts(size_t node) const { return (used_[node] | known_[node]) & ALL_PIXELS; }
   void own_mean(const Node& node, float* mean) const;
   void average(const Frame& frame, int k);
   void drop_nodes();
   void forget_cells();
   void set_light(const Frame& frame, size_t node, const float* light);
-  void add(const Node& node, bool used);
+  void add(const Node& node, int used, int known);
   void sweep();
   void rehash(size_t slots);
   void insert(int node);
@@ -126,7 +134,9 @@ class IrradianceCache {
   float spacing_;
   std::vector<Node> nodes_;
   std::vector<float> light_;    // (nodes, 4) the view's, of this tick
-  std::vector<uint8_t> used_;   // (nodes)
+  std::vector<uint8_t> used_;   // (nodes) the passes that read it since the last sweep
+  std::vector<uint8_t> known_;  // (nodes) ALL_PIXELS read it before that, or asked for it
+  std::vector<uint8_t> read_;   // (nodes) while readers are taken
   std::vector<uint8_t> phase_;  // (nodes) high bits of the hash
   std::vector<NodeSlot> slots_;
   std::vector<int32_t> due_;

@@ -38,15 +38,17 @@ inline LatticePoint lattice_point(const Geom& g, const NodeLattice& lattice, Vec
   Mask on_x, on_z;
   if (g.shape == PLANE) {
     out.face = splat(4);
-    out.coordinate = {p.x * inverse, p.y * inverse, zero};
+    out.coordinate = {p.x * inverse - LATTICE_SHIFT, p.y * inverse - LATTICE_SHIFT, zero};
     return out;
   }
   if (g.shape == MESH || g.shape == HFIELD) {
     out.face = face_of(n, on_x, on_z);
-    Vec at = p * splat(inverse);
-    auto sheet = [](Float x) { return floor(x * (1 / SHEET)); };
-    out.coordinate = {select(on_x, sheet(at.x), at.x), select(on_x | on_z, at.y, sheet(at.y)),
-                      select(on_z, sheet(at.z), at.z)};
+    // whole along the normal
+    auto place = [inverse](Float x, Mask along) {
+      x = x * inverse;
+      return select(along, floor(x * (1 / SHEET)), x - LATTICE_SHIFT);
+    };
+    out.coordinate = {place(p.x, on_x), place(p.y, ~on_x & ~on_z), place(p.z, on_z)};
     return out;
   }
   const float* half = lattice.half;
@@ -88,13 +90,16 @@ struct Received {
 };
 
 // Of the hits of `lanes`, the one that comes first in an order that does not depend on the packet.
-inline void first_hit(Vec p, Vec n, unsigned lanes, NodeRequest& request) {
+template <class To>
+void first_hit(Vec p, Vec n, unsigned lanes, To& to) {
   for (bool any_yet = false; lanes; lanes &= lanes - 1) {
     int i = first_lane(lanes);
-    NodeRequest other = {request.key,
-                         {lane(p.x, i), lane(p.y, i), lane(p.z, i)},
-                         {lane(n.x, i), lane(n.y, i), lane(n.z, i)}};
-    if (!any_yet || is_before(other, request)) request = other;
+    To other = to;
+    const float hit[6] = {lane(p.x, i), lane(p.y, i), lane(p.z, i),
+                          lane(n.x, i), lane(n.y, i), lane(n.z, i)};
+    __builtin_memcpy(other.point, hit, sizeof other.point);
+    __builtin_memcpy(other.normal, hit + 3, sizeof other.normal);
+    if (!any_yet || is_before(other, to)) to = other;
     any_yet = true;
   }
 }
@@ -120,8 +125,9 @@ inline bool find_cell(const IrradianceView& cache, NodeRequests& requests, int s
     (v == 2 ? node.z : node.y) += corner >> 1;
     int k = found.node[corner] = find_node(cache.slots, cache.mask, node);
     if (k >= 0) {
-      if (!__atomic_load_n(cache.used + k, __ATOMIC_RELAXED))
-        __atomic_store_n(cache.used + k, uint8_t{1}, __ATOMIC_RELAXED);
+      uint8_t used = __atomic_load_n(cache.used + k, __ATOMIC_RELAXED);
+      if (!(used & cache.pass))
+        __atomic_store_n(cache.used + k, used | cache.pass, __ATOMIC_RELAXED);
       continue;
     }
     complete = requests.complete = false;
@@ -172,6 +178,11 @@ inline void find_cells(const IrradianceView& cache, NodeRequests& requests, cons
       continue;
     }
     for (int k = 0; k < 4; k++) out.node[k] = select(cell, splat(known.node[k]), out.node[k]);
+    if (!cache.readers) continue;
+    if (requests.reader_count == NodeRequests::ROOM) requests.keep(requests);
+    CellReader& reader = requests.readers[requests.reader_count++];
+    __builtin_memcpy(reader.node, known.node, sizeof reader.node);
+    first_hit(p, n, to_bits(cell), reader);
   }
 }
 

@@ -133,8 +133,6 @@ inline void move_hidden_nodes(const Frame& f, const NodeArray& nodes) {
       Mask hidden = occluded(f, from, way, distance, geom, cone, here, 0);
       if (!any(hidden)) continue;
       store_placed(f, nodes, at, index, point, normal, normal, hidden);
-      for (unsigned lanes = to_bits(hidden); lanes; lanes &= lanes - 1)
-        nodes.moved[at + first_lane(lanes)] = 1;
     }
   }
 }
@@ -169,7 +167,7 @@ inline void start_node_paths(const Frame& f, const PathFrame& p, Wavefront& fron
   at.interaction.spawn_point = vector(9);
   Bsdf& s = at.bsdf;
   s.normal = at.interaction.normal;
-  axes_of(s.normal, s.x, s.y);
+  axes_of(s.normal, p.world, s.x, s.y);
   s.cos_outgoing = s.alpha = one;
   s.mirror = s.mirror_probability = s.specular_probability = zero;
   for (int c = 0; c < 3; c++) {

@@ -42,6 +42,15 @@ EVS_INLINE void axes_of(Vec n, Vec& x, Vec& y) {
   y = {b, sign + n.y * n.y * a, -n.y};
 }
 
+// The same in the camera frame; with `world`, camera to world or null, they stay where they are as
+// the camera turns.
+EVS_INLINE void axes_of(Vec n, const float* world, Vec& x, Vec& y) {
+  axes_of(world ? to_camera(world, n) : n, x, y);
+  if (!world) return;
+  x = to_local(world, x);
+  y = to_local(world, y);
+}
+
 struct Bsdf {
   Vec normal, x, y;
   Float cos_outgoing;  // towards the eye, above 0
@@ -63,11 +72,13 @@ EVS_INLINE Float even_probability(Float mirror, int samples) {
   return select((mirror > 0.0f) & (mirror < 1.0f), whole * (1.0f / count), mirror);
 }
 
-// Build the BSDF of an interaction. wo is -d; `samples` are those of a pixel that meet here.
-EVS_INLINE Bsdf make_bsdf(const SurfaceInteraction<3>& interaction, Vec d, int samples) {
+// Build the BSDF of an interaction. wo is -d; `samples` are those of a pixel that meet here;
+// `world`: of axes_of.
+EVS_INLINE Bsdf make_bsdf(const SurfaceInteraction<3>& interaction, Vec d, int samples,
+                          const float* world) {
   Bsdf s;
   s.normal = interaction.normal;
-  axes_of(s.normal, s.x, s.y);
+  axes_of(s.normal, world, s.x, s.y);
   s.cos_outgoing = max(-dot(d, s.normal), splat(1e-4f));
   // a narrower lobe is a mirror in single precision
   s.alpha = min(max(interaction.alpha_ggx, splat(0.002f)), splat(1.0f));

@@ -148,14 +148,15 @@ EVS_INLINE Float one_minus_cos_cone(Float square, float radius) {
   return sine / (sqrt(max(1.0f - sine, splat(0.0f))) + 1.0f);
 }
 
-// Sample a direction in that cone, uniformly over its solid angle. Out: the distance to the sphere.
+// Sample a direction in that cone, uniformly over its solid angle. In: `world` of axes_of. Out: the
+// distance to the sphere.
 EVS_INLINE Vec sample_cone(Vec axis, Float distance, float radius, Point2 u_point,
-                           Float& distance_to_sphere) {
+                           const float* world, Float& distance_to_sphere) {
   Float one_minus_cos = one_minus_cos_cone(distance * distance, radius) * u_point.x;
   Float sine = sqrt(max(one_minus_cos * (2.0f - one_minus_cos), splat(0.0f))), x, y;
   cos_sin_turns(u_point.y, x, y);
   Vec across, up;
-  axes_of(axis, across, up);
+  axes_of(axis, world, across, up);
   Float along = distance * (1.0f - one_minus_cos), off = distance * sine;
   distance_to_sphere = along - sqrt(max(radius * radius - off * off, splat(0.0f)));
   return normalize(across * (x * sine) + up * (y * sine) + axis * (1.0f - one_minus_cos));
@@ -197,7 +198,7 @@ struct BulbSample {
 // that is narrower than the cone, weighted by the density of both together. In: direction and
 // distance to the bulb's centre.
 inline BulbSample sample_bulb(const Bsdf& s, Vec d, Vec axis, Float distance, float radius,
-                              Point2 u_point, Mask active) {
+                              Point2 u_point, const float* world, Mask active) {
   BulbSample out;
   Float zero = splat(0.0f), one = splat(1.0f);
   Float square = distance * distance, one_minus_cos = one_minus_cos_cone(square, radius);
@@ -209,7 +210,7 @@ inline BulbSample sample_bulb(const Bsdf& s, Vec d, Vec axis, Float distance, fl
                         (u_point.x - to_lobe) / max(1.0f - to_lobe, splat(1e-20f)));
     u_point.x = select(narrow, max(min(rest, splat(0.99999994f)), zero), u_point.x);
   }
-  out.wi = sample_cone(axis, distance, radius, u_point, out.distance);
+  out.wi = sample_cone(axis, distance, radius, u_point, world, out.distance);
   out.share = 2.0f * one_minus_cos * square * (1.0f / (radius * radius));
   if (!any(narrow)) return out;
   if (any(from_lobe)) {
@@ -362,7 +363,8 @@ inline LightSample sample_emitter(const Frame& f, const PathFrame& p, Vec from, 
       Vec apart = splat(g.position) - from;
       Float square = dot(apart, apart), distance = sqrt(square), distance_to_sphere;
       Mask outside = here & (distance > g.size[0]);
-      Vec w = sample_cone(normalize(apart), distance, g.size[0], u_point, distance_to_sphere);
+      Vec w = sample_cone(normalize(apart), distance, g.size[0], u_point, p.world,
+                          distance_to_sphere);
       Float pdf = share / (one_minus_cos_cone(square, g.size[0]) * (2 * PI));
       out.wi = select(here, w, out.wi);
       out.distance = select(here, max(distance_to_sphere, splat(0.0f)), out.distance);

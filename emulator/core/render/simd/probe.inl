@@ -29,7 +29,7 @@ inline Bsdf probe_surface(const ProbeSurface& surface, Vec& d) {
   interaction.alpha_ggx = splat(surface.alpha);
   interaction.reflectance = splat(surface.mirror);
   d = splat(V3{-surface.eye[0], -surface.eye[1], -surface.eye[2]});
-  return make_bsdf(interaction, d, 1);
+  return make_bsdf(interaction, d, 1, nullptr);
 }
 
 inline void probe_store(ProbeLanes& out, Vec direction, const Float* light, Float pdf) {
