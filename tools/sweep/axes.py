@@ -250,16 +250,16 @@ KINDS = {"frames": FRAMES, "paper": PAPER}
 DEFAULT: dict[str, tuple[str, ...]] = {
     "fast": ("renderer", "samples", "model", "tick", "resolution", "threads", "ahead",
              "incremental"),
-    "balanced": ("renderer", "samples", "seeds", "cycle", "model", "network", "chunk", "tick",
-                 "precision", "incremental"),
-    "accurate": ("samples", "seeds", "cycle", "model", "frames", "paper"),
+    "balanced": ("renderer", "samples", "model", "tick", "incremental"),
+    "accurate": ("samples", "seeds", "cycle", "model", "network", "chunk", "precision", "frames",
+                 "paper"),
     "reference": ("samples",),
 }  # fmt: skip
 """preset -> default axes of a sweep, each around the preset where it shows most for its time"""
 
 QUICK: dict[str, tuple[str, ...]] = {
     "fast": ("samples", "tick"),
-    "balanced": ("seeds", "cycle"),
+    "balanced": ("renderer", "samples"),
 }
 """The same of `--quick`."""
 

@@ -373,4 +373,4 @@ def test_records_are_json(tmp_path: Path, scene: Path) -> None:
 def test_a_cycle_that_is_too_late_is_refused(error_meter: ErrorMeter) -> None:
     late = {"render.seeds": "cycle", "render.cycle_ticks": 16, "scene.tick_us": 4000}
     with pytest.raises(EvsError, match="is 30000 us late: errors are measured up to 24000 us"):
-        error_meter.error(sweep_point("balanced", "s", "late", late))
+        error_meter.error(sweep_point("accurate", "s", "late", late))
