@@ -26,11 +26,8 @@ HELP = "the main job: a robot, its events sent to a second process, recorded and
 MAX_SECONDS = 20.0
 """The light of every frame is kept in memory for the pictures, and the GIF grows with it."""
 
-FAST = (
-    ("render.renderer", "direct"),
-    ("render.seeds", "fixed"),
-)
-"""what --fast sets: hard light without noise"""
+FAST = (("render.renderer", "direct"),)
+"""what --fast sets: hard light"""
 
 WINDOW_US = 4000
 """duration of the events in the pictures, short for thin edges"""

@@ -191,6 +191,7 @@ def test_the_demo_has_the_light_and_pixels_of_balanced() -> None:
     config = demo._config(given, Path("events.aedat4"))
     balanced = preset_of("balanced")
     assert (config.render, config.model) == (balanced.render, balanced.model)
+    assert (config.render.renderer, config.render.samples) == ("hybrid", 4)
 
 
 def test_next_commands_quote_what_a_shell_would_split() -> None:

@@ -67,8 +67,8 @@ def test_command_json_and_picture(
     assert set(told) == {"command", "settings", "versions", "left_out", "check", "takes", "rows",
                          "verdict", "winners", "cells"}  # fmt: skip
     assert told["check"] is None
-    # two cameras; half the reference, nothing; two models on direct, hybrid and 3 times 1, 2 spp
-    assert len(told["cells"]) == len(told["rows"]) == 2 * (2 + 2 * 8)
+    # two cameras; half the reference, nothing; two models on direct, 3 hybrid and 3 times 1, 2 spp
+    assert len(told["cells"]) == len(told["rows"]) == 2 * (2 + 2 * 10)
     assert {clip["camera"] for clip in told["takes"]} == {"still", "pan"}
     assert told["settings"]["reference_spp"] == 4
     assert told["command"].endswith(
@@ -76,8 +76,10 @@ def test_command_json_and_picture(
         f"--reference-spp 4 --json {out[0]} --markdown {out[1]} --picture {out[2]}"
     )
     page = out[1].read_text()
+    for light in ("direct, 4 spp", "hybrid, 4 spp", "hybrid, 16 spp", "hybrid, 16 spp at edges"):
+        assert f"\n| pan | {light} | plain |" in page
     assert f"    {told['command']}\n" in page
-    assert page.count("\n| still | ") == page.count("\n| pan | ") == 8 + 2 * 18
+    assert page.count("\n| still | ") == page.count("\n| pan | ") == 10 + 2 * 22
     with Image.open(out[2]) as image:
         picture = np.asarray(image.convert("RGB"))
     assert picture.shape[1] == 2 * 640 + 44
@@ -98,20 +100,20 @@ def test_the_cache_serves_what_is_the_same_and_nothing_else(scene: Path, tmp_pat
     settings = tiny(scene, cameras=("still",))
     cache = LightCache(tmp_path / "cache")
     first = judge(settings, cache)
-    # two halves; fixed, fresh, and the ticks before; cycle; direct; hybrid
-    assert (cache.hits, cache.misses) == (0, 8)
+    # two halves; fixed, fresh, and the ticks before; cycle; direct; three of hybrid
+    assert (cache.hits, cache.misses) == (0, 10)
     again = judge(settings, cache)
-    assert (cache.hits, cache.misses) == (8, 8)
+    assert (cache.hits, cache.misses) == (10, 10)
     assert without_times(again) == without_times(first)
     for change, misses in (
         ({"models": ("plain",)}, 0),
         ({"spp": (2, 3)}, 4),
         ({"reference_spp": 6}, 2),
-        ({"pixels": 25}, 8),
+        ({"pixels": 25}, 10),
         # a take begins as it did, and so does what came before
-        ({"ticks": 7}, 7),
-        ({"seed": 1}, 8),
-        ({"cameras": ("pan",)}, 7),
+        ({"ticks": 7}, 9),
+        ({"seed": 1}, 10),
+        ({"cameras": ("pan",)}, 9),
     ):
         before = cache.misses
         judge(replace(settings, **change), cache)  # type: ignore[arg-type]
@@ -295,7 +297,7 @@ def test_a_users_own_network_is_judged_besides(
     out = tmp_path / "t.json"
     assert main([*words, *TINY, "--cache", str(tmp_path / "cache"), "--json", str(out)]) == 0
     said = capsys.readouterr()
-    assert said.out.count("| mine |") == 1 + 2 * 8
+    assert said.out.count("| mine |") == 1 + 2 * 10
     # it was checked first
     assert said.out.index("| random4 | found | |") < said.out.index("| camera | light | model |")
     assert "| X = 0 | the current is exactly 0" in said.out
@@ -326,7 +328,7 @@ def test_a_network_that_is_not_sound_is_told_and_judged_all_the_same(
     lines = said.err.splitlines()
     assert f"evs: warning: {path}: latency: no answer to a step of +-0.5" in lines
     assert all(line.startswith(f"evs: warning: {path}: ") for line in lines)
-    assert said.out.count("| d |") == 1 + 2 * 8
+    assert said.out.count("| d |") == 1 + 2 * 10
 
     # one that cannot be read is not
     sidecar.write_text(sidecar.read_text().replace("threshold = 0.2", "threshold = -0.2"))

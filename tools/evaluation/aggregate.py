@@ -24,12 +24,14 @@ class ResultCell:
     soft: bool
     """a lamp of the scene has a size"""
     light: str
-    """path | direct | converged"""
+    """path | direct | hybrid | converged"""
     spp: int
     seeds: str
-    """fixed | fresh"""
+    """fixed | fresh | cycle"""
     model: str
     measures: Measures
+    antialiasing: str = "fixed"
+    """fixed | adaptive: all samples at edges only"""
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,7 @@ class ResultRow:
     light: str
     spp: int
     seeds: str
+    antialiasing: str
     model: str
     scenes: int
     values: dict[str, Aggregate]
@@ -121,8 +124,10 @@ class ResultRow:
 
 def aggregate_rows(cells: Sequence[ResultCell]) -> list[ResultRow]:
     """The rows, in the order of their first cells."""
-    groups: dict[tuple[str, str, int, str, str], list[Measures]] = {}
+    groups: dict[tuple[str, str, int, str, str, str], list[Measures]] = {}
     for cell in cells:
-        key = (cell.camera, cell.light, cell.spp, cell.seeds, cell.model)
+        key = (
+            cell.camera, cell.light, cell.spp, cell.seeds, cell.antialiasing, cell.model
+        )  # fmt: skip
         groups.setdefault(key, []).append(cell.measures)
     return [ResultRow(*key, len(clips), aggregate(clips)) for key, clips in groups.items()]

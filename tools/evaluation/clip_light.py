@@ -31,12 +31,14 @@ class LightSpec:
     """How light is traced."""
 
     renderer: str
-    """direct | path"""
+    """direct | hybrid | path"""
     spp: int
     seeds: str = "fixed"
     """fixed | fresh | cycle"""
     seed: int = SEED
     """of the noise"""
+    antialiasing: str = "fixed"
+    """fixed | adaptive"""
 
     @property
     def noisy_samples(self) -> int:
@@ -46,7 +48,12 @@ class LightSpec:
     @property
     def render(self) -> RenderConfig:
         """The renderer's configuration, without what the scene decides."""
-        return RenderConfig(renderer=self.renderer, spp=self.spp, seeds=self.seeds)
+        return RenderConfig(
+            renderer=self.renderer,
+            spp=self.spp,
+            seeds=self.seeds,
+            antialiasing=self.antialiasing,
+        )
 
 
 def renderer_of(clip: Clip, spec: LightSpec, threads: int) -> TracingRenderer:
@@ -73,12 +80,15 @@ def light_key(clip: Clip, fingerprint: str, spec: LightSpec, ticks: int) -> str:
         spec: how light is traced.
         ticks: how many.
     """
-    probed = LightSpec(spec.renderer, min(spec.spp, _PROBED_SPP), spec.seeds, spec.seed)
-    renderer = renderer_of(clip, probed, 1)
+    renderer = renderer_of(clip, replace(spec, spp=min(spec.spp, _PROBED_SPP)), 1)
     step = max(1, len(clip.pixels) // _PROBED_PX)
     some = clip.pixels[::step]
     probe = [renderer.trace(*clip.instants[k], some) for k in (0, ticks - 1)]
-    return digest((fingerprint, asdict(spec), ticks, versions(), probe))
+    told = asdict(spec)
+    if spec.antialiasing == "fixed":
+        # keys of light that was traced before there was a choice stay valid
+        del told["antialiasing"]
+    return digest((fingerprint, told, ticks, versions(), probe))
 
 
 def light_of(

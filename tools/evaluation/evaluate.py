@@ -31,6 +31,7 @@ MAX_SPP = 4096
 K = 384
 """ticks that are measured, the last ones of a clip"""
 DIRECT_SPP = 4
+HYBRID_SPP = (4, 16)
 CYCLE_LATE = 2
 """ticks by which moving light is late in a cycle of seeds, rounded up"""
 STILL = 0.05
@@ -122,7 +123,9 @@ def lights(settings: EvaluationSettings) -> Iterator[LightSpec]:
         for spp in settings.spp:
             yield LightSpec("path", spp, seeds)
     yield LightSpec("direct", DIRECT_SPP)
-    yield LightSpec("hybrid", DIRECT_SPP)
+    for spp in HYBRID_SPP:
+        yield LightSpec("hybrid", spp)
+    yield LightSpec("hybrid", max(HYBRID_SPP), antialiasing="adaptive")
 
 
 def work(settings: EvaluationSettings, latency: int) -> int:
@@ -214,8 +217,9 @@ def _judge(
     ) -> ResultCell:
         found = measure(events, of, clip, still, begin_us, end_us, ms)
         return ResultCell(
-            clip.scene_name, clip.motion, clip.soft, light, spec.spp, spec.seeds, model, found
-        )
+            clip.scene_name, clip.motion, clip.soft, light, spec.spp, spec.seeds, model, found,
+            spec.antialiasing,
+        )  # fmt: skip
 
     half = LightSpec("path", settings.reference_spp // 2)
     halves = [models.reference_events(light, threads) for light in (one, two)]

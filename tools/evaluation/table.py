@@ -236,7 +236,10 @@ def light_label(row: ResultRow | ResultCell) -> str:
     """How its light was traced."""
     if row.light == "path":
         return f"{row.spp} spp {row.seeds}"
-    return row.light
+    if row.model in (NOTHING, REFERENCE):
+        return row.light
+    edges = " at edges" if row.antialiasing == "adaptive" else ""
+    return f"{row.light}, {row.spp} spp{edges}"
 
 
 def _number(value: Aggregate, column: MetricColumn) -> str:

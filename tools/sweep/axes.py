@@ -18,6 +18,7 @@ Values = Sequence[tuple[str, Changes]]
 PATH_SPP = 2048
 """the most that the axis goes to: the paper calls it noiseless"""
 DIRECT_SPP = (1, 2, 4, 8, 16)
+HYBRID_SPP = (1, 4, 16)
 TICKS_US = (250, 500, 1000, 2000, 4000, 10000)
 SIZES = ((173, 130), (346, 260), (640, 480))
 CYCLES = (2, 4, 8)
@@ -36,6 +37,7 @@ def renderer(base: PipelineConfig) -> Values:
     return [
         ("raster 4", {**plain, "render.renderer": "raster", "render.spp": 4}),
         ("direct 4", {**plain, "render.renderer": "direct", "render.spp": 4}),
+        ("hybrid 4", {**plain, "render.renderer": "hybrid", "render.spp": 4}),
         ("path 16", {**plain, "render.renderer": "path", "render.spp": 16}),
     ]
 
@@ -43,7 +45,8 @@ def renderer(base: PipelineConfig) -> Values:
 def samples(base: PipelineConfig) -> Values:
     """Samples a pixel: by powers of two with `direct`, by powers of four around it with `path`.
 
-    And more of them at edges: with `path` four times as many as elsewhere.
+    And more of them at edges: with `path` four times as many as elsewhere. `hybrid` has few values,
+    since its cached light is the same with any of them.
     """
     render = base.render
     every: Changes = {"render.antialiasing": "fixed"}
@@ -63,6 +66,11 @@ def samples(base: PipelineConfig) -> Values:
         ]
     if render.renderer == "raster":
         return [(f"raster {spp}", {"render.spp": spp}) for spp in (1, 4)]
+    if render.renderer == "hybrid":
+        return [
+            *((f"hybrid {spp}", {**every, "render.spp": spp}) for spp in HYBRID_SPP),
+            ("hybrid 4 at edges", {**edges, "render.spp": 4}),
+        ]
     return [
         *((f"direct {spp}", {**every, "render.spp": spp}) for spp in DIRECT_SPP),
         *((f"direct {spp} at edges", {**edges, "render.spp": spp}) for spp in (4, 16)),
@@ -70,7 +78,7 @@ def samples(base: PipelineConfig) -> Values:
 
 
 def seeds(base: PipelineConfig) -> Values:
-    """Samples the same every tick, or new ones; `direct` has no noise that could be fresh."""
+    """Samples the same every tick, or new ones; `direct` and `hybrid` have no noise."""
     if base.render.renderer != "path":
         return []
     return [(name, {"render.seeds": name}) for name in ("fixed", "fresh")]
@@ -242,16 +250,16 @@ KINDS = {"frames": FRAMES, "paper": PAPER}
 DEFAULT: dict[str, tuple[str, ...]] = {
     "fast": ("renderer", "samples", "model", "tick", "resolution", "threads", "ahead",
              "incremental"),
-    "balanced": ("samples", "seeds", "cycle", "model", "network", "chunk", "tick", "precision",
-                 "incremental"),
-    "accurate": ("samples", "seeds", "cycle", "model", "frames", "paper"),
+    "balanced": ("renderer", "samples", "model", "tick", "incremental"),
+    "accurate": ("samples", "seeds", "cycle", "model", "network", "chunk", "precision", "frames",
+                 "paper"),
     "reference": ("samples",),
 }  # fmt: skip
 """preset -> default axes of a sweep, each around the preset where it shows most for its time"""
 
 QUICK: dict[str, tuple[str, ...]] = {
     "fast": ("samples", "tick"),
-    "balanced": ("seeds", "cycle"),
+    "balanced": ("renderer", "samples"),
 }
 """The same of `--quick`."""
 

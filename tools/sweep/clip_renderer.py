@@ -61,8 +61,9 @@ class ClipRenderer:
         render = self.plain(render)
         chosen = tuple(indices)
         known = self._recent.get((render, seed))
-        if known is not None and render.seeds != "cycle" and set(chosen) <= known[0].keys():
-            # light of an instant follows from it alone
+        alone = render.seeds != "cycle" and render.renderer != "hybrid"
+        if known is not None and alone and set(chosen) <= known[0].keys():
+            # light of an instant follows from it alone, not from the ticks before it
             self.moved(render.samples * len(chosen))
             return known[1][[known[0][k] for k in chosen]]
         done = 0

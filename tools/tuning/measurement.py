@@ -30,7 +30,8 @@ TABLES = ("sensor", "render", "model", "seed")
 START_S = 0.5
 """of a run: loading, opening, the first frame"""
 SHOTS = 4.0
-"""cost of tracing scattered pixels, relative to full pictures in which little moves"""
+"""cost of tracing scattered pixels, relative to full pictures in which little moves; hybrid traces
+full pictures"""
 
 
 @dataclass(frozen=True)
@@ -77,8 +78,10 @@ class SceneMeasurer:
         tick_s = 1e-6 * one.tick_us
         run_s = max(2.0 * self.speed_meter.settings.seconds, 8.0 * tick_s / rtf)
         sensor = resolve_sensor(self.base.config.sensor)
-        share = self.error_meter.settings.pixels / (sensor.width * sensor.height)
-        light_s = SHOTS * share * 1e-6 * self.error_meter.settings.end_us / rtf
+        share = SHOTS * self.error_meter.settings.pixels / (sensor.width * sensor.height)
+        if one.renderer == "hybrid":
+            share = 1.0
+        light_s = share * 1e-6 * self.error_meter.settings.end_us / rtf
         return START_S + run_s + light_s
 
     def point(self, one: Candidate) -> SweepPoint:

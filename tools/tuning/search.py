@@ -14,7 +14,7 @@ from evs.msgs import EvsError
 from evs.tools.tuning.space import Candidate, calibration
 from evs.tools.tuning.surrogate import COST, ERROR, Surrogate
 
-MOST = 24
+MOST = 28
 """measurements of one search"""
 
 SPEED_NOISE, ERROR_NOISE = 0.05, 0.05

@@ -12,7 +12,11 @@ from evs.tools.sweep.record import Setting
 
 BASE_TICK_US = 1000
 
+RENDERERS = ("direct", "hybrid", "path")
+"""the cheapest first"""
+
 DIRECT_SPP = (1, 2, 4, 8, 16)
+HYBRID_SPP = (1, 4, 16)
 EDGE_SPP = (4, 16)
 PATH_EDGE_SPP = (16, 64)
 PATH_SPP = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
@@ -129,7 +133,9 @@ def _families(seeds: str, pinned: Mapping[str, Setting]) -> Iterable[list[Candid
 
     if seeds == "fixed":
         yield every("direct", _with(DIRECT_SPP, own, 64), "fixed", "fixed", "plain")
-        yield every("direct", _with(EDGE_SPP, own, 64), "adaptive", "fixed", "plain")
+        yield every("hybrid", _with(HYBRID_SPP, own, 64), "fixed", "fixed", "plain")
+        for renderer in ("direct", "hybrid"):
+            yield every(renderer, _with(EDGE_SPP, own, 64), "adaptive", "fixed", "plain")
     if seeds != "fresh":
         yield every("path", _with(PATH_EDGE_SPP, own), "adaptive", seeds, "plain")
     for model, spp in (("plain", PATH_SPP), ("adaptive", PATH_SPP), ("evsnet", NETWORK_SPP)):
@@ -156,7 +162,8 @@ def calibration(every: Iterable[Candidate]) -> list[Candidate]:
     """The few candidates that are measured first, the cheapest first.
 
     Of each family two numbers of samples, few and some; of each renderer one longer tick; and one
-    run on a single thread. What is pinned has fewer.
+    run on a single thread. What is pinned has fewer, and so have networks, the running mean, and
+    hybrid at edges, which are like a family that has two.
     """
     candidates = list(every)
     chosen: list[Candidate] = []
@@ -166,10 +173,10 @@ def calibration(every: Iterable[Candidate]) -> list[Candidate]:
     ]
     for family in dict.fromkeys(c.family for c in usual):
         subset = sorted((c for c in usual if c.family == family), key=lambda c: c.spp)
-        few = _nearest(subset, 1 if subset[0].renderer == "direct" else 4)
+        few = _nearest(subset, 4 if subset[0].renderer == "path" else 1)
         chosen.append(few)
-        # a network is one more curve like the pixel's
-        if family[3] == "plain":
+        # a network is one more curve like the pixel's; edges are those of direct
+        if family[3] == "plain" and family[:2] != ("hybrid", "adaptive"):
             chosen.append(_nearest(subset, 16))
     for renderer in dict.fromkeys(c.renderer for c in chosen):
         # of the pixel alone where there is one: a running mean has a pace of its own
@@ -178,7 +185,7 @@ def calibration(every: Iterable[Candidate]) -> list[Candidate]:
         chosen += [longer] if longer in candidates else []
     single = dataclasses.replace(chosen[0], threads=1)
     chosen += [single] if single in candidates else []
-    return sorted(dict.fromkeys(chosen), key=lambda c: (c.renderer == "path", c.spp))
+    return sorted(dict.fromkeys(chosen), key=lambda c: (RENDERERS.index(c.renderer), c.spp))
 
 
 def _usual_tick(candidates: list[Candidate]) -> int:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from evs.tools.tuning.space import Candidate
+from evs.tools.tuning.space import RENDERERS, Candidate
 
 F64 = npt.NDArray[np.float64]
 
@@ -29,7 +29,8 @@ class Effect:
 
 
 EFFECTS = (
-    *("all", "path", "direct samples", "path samples", "edges", "path edges"),
+    *("all", "hybrid", "path", "direct samples", "hybrid samples", "path samples"),
+    *("edges", "hybrid edges", "path edges"),
     *(
         "adaptive",
         "evsnet",
@@ -37,6 +38,7 @@ EFFECTS = (
         "evsnet samples",
         "tick",
         "longer",
+        "hybrid tick",
         "path tick",
         "adaptive tick",
     ),
@@ -47,18 +49,19 @@ EFFECTS = (
 
 def effects_of(one: Candidate) -> list[float]:
     """How much of each effect a configuration has."""
-    path, adaptive, evsnet = (
-        float(is_it)
-        for is_it in (one.renderer == "path", one.model == "adaptive", one.model == "evsnet")
-    )
+    direct, hybrid, path = (float(one.renderer == name) for name in RENDERERS)
+    adaptive, evsnet = (float(one.model == name) for name in ("adaptive", "evsnet"))
     samples, ticks = one.samples, one.ticks
     edges = float(one.antialiasing == "adaptive")
     return [
         1.0,
+        hybrid,
         path,
-        (1.0 - path) * samples,
+        direct * samples,
+        hybrid * samples,
         path * samples,
         edges,
+        hybrid * edges,
         path * edges,
         adaptive,
         evsnet,
@@ -66,6 +69,7 @@ def effects_of(one: Candidate) -> list[float]:
         evsnet * (samples - 2.0),
         ticks,
         max(0.0, ticks) ** 2,
+        hybrid * ticks,
         path * ticks,
         adaptive * ticks,
         float(one.threads == 1),
@@ -74,10 +78,13 @@ def effects_of(one: Candidate) -> list[float]:
 
 COST = {
     "all": Effect(0.0, 6.0),
+    "hybrid": Effect(1.5, 1.5),
     "path": Effect(1.0, 2.0),
     "direct samples": Effect(0.6, 0.3),
+    "hybrid samples": Effect(0.65, 0.2),
     "path samples": Effect(0.85, 0.2),
     "edges": Effect(-0.5, 0.5),
+    "hybrid edges": Effect(0.0, 0.3),
     "path edges": Effect(-0.5, 0.5),
     "adaptive": Effect(0.1, 0.3),
     "evsnet": Effect(0.5, 1.0),
@@ -85,18 +92,23 @@ COST = {
     "evsnet samples": Effect(-0.1, 0.1),
     "tick": Effect(-0.9, 0.2),
     "longer": Effect(0.0, 0.05),
+    "hybrid tick": Effect(0.0, 0.1),
     "path tick": Effect(0.0, 0.1),
     "adaptive tick": Effect(0.0, 0.05),
     "one thread": Effect(0.6, 0.5),
 }
-"""of a simulated second: twice the samples cost nearly twice as much, twice the tick half"""
+"""of a simulated second: twice the samples cost nearly twice as much, twice the tick half; the
+cached light of hybrid costs the same with any samples"""
 
 ERROR = {
     "all": Effect(-2.0, 4.0),
+    "hybrid": Effect(-1.0, 2.0),
     "path": Effect(0.0, 3.0),
     "direct samples": Effect(-0.3, 0.3),
+    "hybrid samples": Effect(-0.25, 0.2),
     "path samples": Effect(-0.5, 0.25),
     "edges": Effect(0.1, 0.3),
+    "hybrid edges": Effect(0.2, 0.3),
     "path edges": Effect(0.3, 0.4),
     "adaptive": Effect(-0.1, 0.7),
     "evsnet": Effect(0.3, 1.0),
@@ -104,11 +116,13 @@ ERROR = {
     "evsnet samples": Effect(0.2, 0.2),
     "tick": Effect(0.3, 0.4),
     "longer": Effect(0.1, 0.2),
+    "hybrid tick": Effect(0.1, 0.3),
     "path tick": Effect(0.0, 0.2),
     "adaptive tick": Effect(0.3, 0.4),
     "one thread": Effect(0.0, 0.0),
 }
-"""four times the samples about halve it; threads change no event"""
+"""four times the samples about halve it; threads change no event; the cached light of hybrid has no
+noise that samples remove, and is later in longer ticks"""
 
 REST = 0.35
 """standard deviation of what the effects do not explain, powers of two"""

@@ -132,8 +132,9 @@ def test_the_key_of_light(scene: Path) -> None:
         light_key(clip, "mark", spec, TICKS - 1),
         *(
             light_key(clip, "mark", replace(spec, **change), TICKS)
-            for change in ({"spp": 8}, {"seeds": "fixed"}, {"seed": 4}, {"renderer": "direct",
-                                                                         "seeds": "fixed"})
+            for change in ({"spp": 8}, {"seeds": "fixed"}, {"seed": 4},
+                           {"antialiasing": "adaptive"},
+                           {"renderer": "direct", "seeds": "fixed"})
         ),
     ]  # fmt: skip
     assert len({key, *others}) == 1 + len(others)

@@ -183,7 +183,7 @@ def test_the_overview() -> None:
         "| camera | light | plain | adaptive |",
         "|---|---|---|---|",
         "| still | 4 spp fresh | 1.000, 0.75 / 0.75, 2.5 | 0.500, 0.75 / 1.00, - |",
-        "| still | direct | 0.100, 0.00 / -, 0 | - |",
+        "| still | direct, 4 spp | 0.100, 0.00 / -, 0 | - |",
     ]
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from evs.drivers.run.config import PipelineConfig
 from evs.emulator.base.scene import F32
-from evs.emulator.config import ModelConfig
+from evs.emulator.config import ModelConfig, RenderConfig
 from evs.emulator.render import make_renderer
 from evs.launch.main import main
 from evs.msgs import EvsError, join_events
@@ -21,6 +21,7 @@ from evs.tools.evaluation.clip import MOTIONS, SIZE, make_clip
 from evs.tools.evaluation.light_cache import LightCache
 from evs.tools.evaluation.scenes import SceneSetup, scene_setup
 from evs.tools.sweep import axes
+from evs.tools.sweep.clip_renderer import ClipRenderer
 from evs.tools.sweep.errors import ErrorMeter, ErrorSettings
 from evs.tools.sweep.frame_methods import frame_method
 from evs.tools.sweep.pareto_front import unmatched
@@ -135,6 +136,18 @@ def test_light_is_traced_once(scene: Path, error_meter: ErrorMeter, cache: Light
     assert again.error(SweepPoint("balanced")) == before
     assert cache.misses == misses
     assert cache.hits > hits
+
+
+def test_cached_light_of_longer_ticks_is_traced_anew(scene: Path, tmp_path: Path) -> None:
+    """It follows from the ticks before, so that of every instant is no part of it."""
+    clip = make_clip(scene_setup(str(scene)), "pan", 40, sampled=160, patch_px=4, size=(64, 48))
+    render = RenderConfig(renderer="hybrid", spp=1)
+    renderer = ClipRenderer(clip, LightCache(tmp_path / "one"), 1)
+    every, fourth = renderer.at(render, range(40)), renderer.at(render, range(0, 40, 4))
+    assert np.array_equal(
+        fourth, ClipRenderer(clip, LightCache(tmp_path / "two"), 1).at(render, range(0, 40, 4))
+    )
+    assert not np.array_equal(fourth, every[::4])
 
 
 def test_a_network_is_for_ticks_of_a_ms(error_meter: ErrorMeter) -> None:
@@ -360,4 +373,4 @@ def test_records_are_json(tmp_path: Path, scene: Path) -> None:
 def test_a_cycle_that_is_too_late_is_refused(error_meter: ErrorMeter) -> None:
     late = {"render.seeds": "cycle", "render.cycle_ticks": 16, "scene.tick_us": 4000}
     with pytest.raises(EvsError, match="is 30000 us late: errors are measured up to 24000 us"):
-        error_meter.error(sweep_point("balanced", "s", "late", late))
+        error_meter.error(sweep_point("accurate", "s", "late", late))

@@ -67,6 +67,25 @@ def test_samples_of_paths_go_around_the_presets(
     assert [spp for where, spp in found if where == "adaptive"] == at_edges
 
 
+def test_hybrid_stands_beside_the_presets_and_has_samples_of_its_own(tmp_path: Path) -> None:
+    for preset in ("fast", "balanced"):
+        beside = {p.config.render.renderer for p in axes.points([preset]) if p.axis == "renderer"}
+        assert "hybrid" in beside | {preset_of(preset).render.renderer}
+    file = tmp_path / "mine.toml"
+    file.write_text('[render]\nrenderer = "hybrid"\nspp = 4\n')
+    own, *others = axes.points([str(file)], ["samples"])
+    assert own == SweepPoint(str(file))
+    found = {p.value: (p.config.render.antialiasing, p.config.render.spp) for p in others}
+    assert found == {
+        "hybrid 1": ("fixed", 1),
+        "hybrid 16": ("fixed", 16),
+        "hybrid 4 at edges": ("adaptive", 4),
+    }
+    # it has no noise to vary
+    with pytest.raises(EvsError, match="no value of seeds, cycle, network differs"):
+        axes.points([str(file)], ["seeds", "cycle", "network"])
+
+
 def test_the_axes_of_a_preset_of_hard_light(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text("[render]\nspp = 1\n")

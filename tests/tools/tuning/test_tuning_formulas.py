@@ -25,11 +25,14 @@ class Formula:
     """ms a tick: a sum of parts; error: powers of the samples over what each renderer cannot do."""
 
     direct_ms: float
+    hybrid_ms: float
+    cache_ms: float
     path_ms: float
     fixed_ms: float
     network_ms: float
     parallel: float
     direct_floor: float
+    cached: float
     slope: float
     adaptive: float
     network: float
@@ -37,15 +40,18 @@ class Formula:
     reference_error: float = 0.01
 
     def rtf(self, one: Candidate) -> float:
-        ray_ms = self.direct_ms if one.renderer == "direct" else self.path_ms
+        ray_ms = {"direct": self.direct_ms, "hybrid": self.hybrid_ms, "path": self.path_ms}
         samples = one.spp if one.antialiasing == "fixed" else 1.0 + 0.2 * (one.spp - 1)
-        trace_ms = ray_ms * samples / (1.0 if one.threads == 1 else self.parallel)
+        trace_ms = ray_ms[one.renderer] * samples + self.cache_ms * (one.renderer == "hybrid")
+        trace_ms /= 1.0 if one.threads == 1 else self.parallel
         model_ms = self.network_ms if one.model == "evsnet" else 0.0
         return one.tick_us / 1000 / (self.fixed_ms + model_ms + trace_ms)
 
     def error(self, one: Candidate) -> float:
         if one.renderer == "direct":
             off = self.direct_floor + 0.2 * one.spp**-0.5
+        elif one.renderer == "hybrid":
+            off = self.cached + 0.2 * one.spp**-0.5
         else:
             factor = {"plain": 1.0, "adaptive": self.adaptive, "evsnet": self.network}[one.model]
             off = 0.8 * factor * one.spp**-self.slope
@@ -58,11 +64,14 @@ class Formula:
 formulas = st.builds(
     Formula,
     direct_ms=st.floats(0.3, 5.0),
+    hybrid_ms=st.floats(0.3, 8.0),
+    cache_ms=st.floats(0.1, 20.0),
     path_ms=st.floats(0.5, 20.0),
     fixed_ms=st.floats(0.05, 2.0),
     network_ms=st.floats(0.1, 10.0),
     parallel=st.floats(0.5, 2.0),
     direct_floor=st.floats(0.001, 0.7),
+    cached=st.floats(0.001, 0.3),
     slope=st.floats(0.3, 0.8),
     adaptive=st.floats(0.6, 1.5),
     network=st.floats(0.5, 1.5),

@@ -26,6 +26,8 @@ class Formula:
     """how much faster two threads trace than one"""
     floor: float = 0.02
     """what `direct` can never find: soft light"""
+    cached: float = 0.05
+    """what is wrong with the cached light of `hybrid`"""
     wrong: Callable[[Candidate], tuple[float, float]] = lambda _: (1.0, 1.0)
     """factors on cost and error that no model would guess"""
     reference_error: float = 0.008
@@ -33,10 +35,12 @@ class Formula:
     judged: list[Candidate] = field(default_factory=list)
 
     def true_rtf(self, one: Candidate) -> float:
-        ray_ms = 1.1 if one.renderer == "direct" else 2.3
+        ray_ms = {"direct": 1.1, "hybrid": 1.5, "path": 2.3}[one.renderer]
         samples = float(one.spp)
         if one.antialiasing == "adaptive":
-            samples = 1 + 0.3 * (one.spp - 1) if one.renderer == "direct" else 0.35 * one.spp
+            samples = 0.35 * one.spp if one.renderer == "path" else 1 + 0.3 * (one.spp - 1)
+        if one.renderer == "hybrid":
+            samples += 1.0
         trace_ms = ray_ms * samples * (1.0 if one.threads == 1 else 1 / self.parallel)
         model_ms = {"plain": 0.3, "adaptive": 0.4, "evsnet": 2.5}[one.model]
         tick_ms = 0.2 + model_ms + trace_ms
@@ -45,6 +49,8 @@ class Formula:
     def true_error(self, one: Candidate) -> float:
         if one.renderer == "direct":
             off = self.floor + 0.3 * one.spp**-0.5
+        elif one.renderer == "hybrid":
+            off = self.cached + 0.15 * one.spp**-0.5
         elif one.model == "plain":
             # samples at edges are worth half as many everywhere
             worth = 0.5 if one.antialiasing == "adaptive" else 1.0
@@ -209,9 +215,10 @@ def test_candidates_and_their_calibration() -> None:
     assert {c.tick_us for c in every if c.model == "evsnet"} == {1000}
     few = calibration(every)
     assert set(few) <= set(every)
-    assert len(few) == len(set(few)) <= 12
+    assert len(few) == len(set(few)) <= 16
     assert {c.family for c in few} == {c.family for c in every}
     assert max(c.spp for c in few) <= 16
+    assert [c.renderer for c in few] == sorted(c.renderer for c in few)
     assert few[0].renderer == "direct"
 
 
@@ -223,9 +230,16 @@ def test_pinned_keys_are_kept() -> None:
                       "model.name": "plain"})  # fmt: skip
     assert [(c.spp, c.tick_us, c.threads) for c in one] == [(24, 250, 3)]
     assert calibration(one) == one
+    hybrid = candidates({"render.renderer": "hybrid", "threads": 0, "scene.tick_us": 1000})
+    assert [(c.spp, c.antialiasing) for c in hybrid] == [
+        *((1, "fixed"), (4, "adaptive"), (4, "fixed"), (16, "adaptive"), (16, "fixed")),
+    ]
+    assert {(c.seeds, c.model) for c in hybrid} == {("fixed", "plain")}
     # keys that are no matter of tuning pin nothing
     assert candidates({"sensor.preset": "ideal"}) == candidates()
-    with pytest.raises(EvsError, match=r"render.renderer=raster is not tuned; give direct or path"):
+    with pytest.raises(
+        EvsError, match=r"render.renderer=raster is not tuned; give direct or hybrid or path"
+    ):
         candidates({"render.renderer": "raster"})
 
 
