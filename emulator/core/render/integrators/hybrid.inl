@@ -231,10 +231,50 @@ struct HybridShading {
   // How much of a bulb a geom hides, where that is known in closed form.
   struct Cover {
     Mask dark, partly;  // all of it, a part of it
-    Mask inside;        // the point lies in the geom
     Float share;        // where `partly`
     Mask unknown;
   };
+
+  // The geoms that may hide a bulb, and from which points.
+  struct Hiders {
+    static constexpr int ROOM = 32;
+    int count = 0;
+    bool all = true;
+    int geoms[ROOM];
+    Mask lanes[ROOM];
+
+    void add(int geom, Mask from) {
+      if (!any(from)) return;
+      int i = 0;
+      while (i < count && geoms[i] != geom) i++;
+      if (i == ROOM) {
+        all = false;
+        return;
+      }
+      lanes[i] = i == count ? from : lanes[i] | from;
+      geoms[i] = geom;
+      count = i == count ? i + 1 : count;
+    }
+  };
+
+  // The lanes whose rays to a bulb meet a geom's bounding sphere. It is exact but for rounding: the
+  // sphere is found in every packet of such a lane.
+  template <int CHANNELS>
+  EVS_INLINE Mask may_hide(const Surfaces<CHANNELS>& at, int index, const Incidence& in, float bulb,
+                           Mask lanes) const {
+    const BoundingSphereArray& b = at.f.bounds;
+    float radius = b.radius[index];
+    Vec v = splat(V3{b.x[index], b.y[index], b.z[index]}) - at.interaction.spawn_point;
+    Float along = dot(v, in.wi);
+    Vec off = v - in.wi * along, beyond = v - in.wi * in.distance;
+    Float aside = sqrt(dot(off, off)), sine = bulb / in.distance;
+    Float cosine = sqrt(max(1.0f - sine * sine, splat(0.0f)));
+    // the point of the cone's side nearest to the sphere
+    Float foot = along * cosine + aside * sine, away = aside * cosine - along * sine;
+    Mask beside = (foot > 0.0f) & (foot < in.distance * cosine) & (away <= radius);
+    float reach = radius + bulb;
+    return lanes & (beside | (dot(v, v) <= radius * radius) | (dot(beyond, beyond) <= reach * reach));
+  }
 
   // Cover of a bulb by a sphere or a capsule. The outline of the geom is taken for a circle, or
   // along a capsule for two lines, and the bulb for a disc. A round outline not much wider than the
@@ -267,7 +307,6 @@ struct HybridShading {
     // rays that start inside leave; and what is behind the bulb hides nothing
     Mask between = lanes & (square > radius * radius) & (along > 0.0f) & (along < in.distance);
     Cover out;
-    out.inside = lanes & ~(square > radius * radius);
     out.dark = between & (t >= 1.0f);
     out.partly = between & ~out.dark & (t > -1.0f);
     Float wide = splat(radius) * sqrt(inverse) / width;
@@ -294,7 +333,7 @@ struct HybridShading {
     // only its front stops rays
     Mask front = lanes & (dot(at.interaction.spawn_point - splat(g.position), splat(up)) > 0.0f);
     Mask none = mask_from_bits(0);
-    Cover out = {none, none, none, splat(0.0f), front};
+    Cover out = {none, none, splat(0.0f), front};
     if (!inside(g.size[0], x) || !inside(g.size[1], y)) return out;
     out.unknown = none;
     // The plane cuts a cap off the sphere. Its rim is seen as an ellipse, which touches the outline
@@ -324,24 +363,22 @@ struct HybridShading {
     Mask dark = mask_from_bits(0), partly = dark, unknown = dark;
     // near the bulb it is not
     Mask near = facing & (in.distance < 2 * light.radius);
+    Hiders hiders;
     auto hide = [&](int index, const RayCone&, Mask lanes) {
       const Geom& g = f.geoms[index];
-      lanes = lanes & ~dark;
-      if (g.shape != SPHERE && g.shape != CAPSULE && g.shape != PLANE) {
-        const BoundingSphereArray& b = f.bounds;
-        Vec center = splat(V3{b.x[index], b.y[index], b.z[index]});
-        if (g.shape == BOX) lanes = lanes & ~beyond(at, g, light.position, light.radius);
-        Cover cover = cover_of(at, g, in, light.radius, center, b.radius[index], false, lanes);
-        unknown = unknown | cover.dark | cover.partly | cover.inside;
+      lanes = lanes & (~dark | near);
+      if (g.shape == BOX) lanes = lanes & ~beyond(at, g, light.position, light.radius);
+      if (g.shape != PLANE) lanes = may_hide(at, index, in, light.radius, lanes);
+      if (!any(lanes)) return false;
+      hiders.add(index, lanes);
+      bool outline = g.shape == SPHERE || g.shape == CAPSULE || g.shape == PLANE;
+      if (p.transparent || !outline) {
+        unknown = unknown | lanes;
         return false;
       }
       Cover cover = g.shape == PLANE ? cover_of_plane(at, g, light, in, lanes)
                                      : cover_of(at, g, in, light.radius, splat(g.position),
                                                 g.size[0], g.shape == CAPSULE, lanes);
-      if (p.transparent) {
-        unknown = unknown | cover.dark | cover.partly | cover.inside | cover.unknown;
-        return false;
-      }
       dark = dark | cover.dark;
       // What two geoms hide together is not known. Of many geoms, other packets may miss one that is
       // near, but hides nothing: what it decides must not matter.
@@ -351,6 +388,7 @@ struct HybridShading {
       return false;
     };
     bool inside = visit_hiding(at, light.position, light.radius, -1, facing, hide);
+    hiders.all = hiders.all && !inside;
     dark = dark & ~near;
     unknown = inside ? facing : (unknown & ~dark) | near;
     seen = select(dark, splat(0.0f), seen);
@@ -365,8 +403,18 @@ struct HybridShading {
           splat(k < 0 ? static_cast<float>(-1 - k) * 0.25f + 0.125f : cache.lamp_y[k] + CENTRE)};
       Float distance;
       Vec wi = sample_cone(in.wi, in.distance, light.radius, u, p.world, distance);
-      return transmittance(f, p, at.interaction.spawn_point, wi, max(distance, splat(0.0f)),
-                           at.hit.geom, traced, light.non_occluders, nullptr);
+      distance = max(distance, splat(0.0f));
+      if (p.transparent || !hiders.all) {
+        return transmittance(f, p, at.interaction.spawn_point, wi, distance, at.hit.geom, traced,
+                             light.non_occluders, nullptr);
+      }
+      Mask blocked = mask_from_bits(0);
+      Rays rays = {at.interaction.spawn_point, wi, false};
+      for (int i = 0; i < hiders.count; i++) {
+        Mask tested = hiders.lanes[i] & traced & ~blocked;
+        if (any(tested)) occlude(f, hiders.geoms[i], rays, distance, tested, blocked);
+      }
+      return select(traced & ~blocked, splat(1.0f), splat(0.0f));
     };
     constexpr int ON_RIM = 4, FIRST = 4;
     Float rim = splat(0.0f);
