@@ -241,19 +241,19 @@ class Caster:
     def restart(self) -> None:
         """Forget what earlier ticks left in the light of hybrid."""
 
-    def save_irradiance(self, numbers: Annotated[NDArray[numpy.int32], dict(shape=(None, 8), order='C', device='cpu')], light: Annotated[NDArray[numpy.float32], dict(shape=(None, 27), order='C', device='cpu')]) -> tuple[int, int]:
+    def save_irradiance(self, numbers: Annotated[NDArray[numpy.int32], dict(shape=(None, 7), order='C', device='cpu')], light: Annotated[NDArray[numpy.float32], dict(shape=(None, 27), order='C', device='cpu')]) -> tuple[int, int]:
         """
         Copy the irradiance cache of hybrid, of n = work["cache_nodes"] nodes.
 
         Args:
-            numbers: (n, 8) int32, the output: each node's key and flags.
+            numbers: (n, 7) int32, the output: each node's key and flags.
             light: (n, 27) float32, the output: each node's place and light.
 
         Returns:
             Ticks since the start; by how many levels the lattice is coarser than asked.
         """
 
-    def restore_irradiance(self, tick: int, coarser: int, numbers: Annotated[NDArray[numpy.int32], dict(shape=(None, 8), order='C', device='cpu', writable=False)], light: Annotated[NDArray[numpy.float32], dict(shape=(None, 27), order='C', device='cpu', writable=False)]) -> bool:
+    def restore_irradiance(self, tick: int, coarser: int, numbers: Annotated[NDArray[numpy.int32], dict(shape=(None, 7), order='C', device='cpu', writable=False)], light: Annotated[NDArray[numpy.float32], dict(shape=(None, 27), order='C', device='cpu', writable=False)]) -> bool:
         """
         Take back what save_irradiance gave.
 

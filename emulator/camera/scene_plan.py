@@ -359,8 +359,8 @@ def _light(has: Contents, mobility: Mobility, render: RenderConfig) -> dict[str,
     retrace = "render.incremental=false" if row.traced else "OpenGL draws it"
     kept = f"{'samples' if row.paths else 'pixels'} that nothing that moved can touch are kept"
     if row.caches_light:
-        kept = "while nothing moves, nothing is traced"
-    elif mobility.camera_moves:
+        kept = "pixels that nothing that moved can touch only read the cache"
+    if mobility.camera_moves:
         kept += f", while the camera rests ({mobility.camera_moves})"
     return {
         "colour": Why(
