@@ -159,9 +159,11 @@ class Caster {
                   const uint32_t* marked, const Outputs& out);
   void set_hybrid(const Optics& optics, const Tracing& tracing, const SceneData& scene);
   void place_hybrid();
+  // What packets of `hybrid` record: what kept_light.inl keeps while lamps rest, or all of it.
+  enum class Recording { NOTHING, LIGHT, SURFACES };
   void trace_hybrid(bool same, bool selective, const Outputs& out);
   bool find_dirty_of_hybrid();
-  bool hybrid_passes(const IrradianceCache::Tracer& tracer, bool records, bool selective,
+  bool hybrid_passes(const IrradianceCache::Tracer& tracer, Recording now, bool selective,
                      const Outputs& out);
   bool same_scene() const;
   bool same_images() const;
@@ -191,7 +193,9 @@ class Caster {
   std::vector<uint8_t> incomplete_;  // packets that missed nodes
   // what packets keep (packets, samples, kept_rows, 16), and whether that is all; null: nothing
   std::unique_ptr<float[]> kept_;
-  size_t kept_floats_ = 0;  // of a packet
+  std::unique_ptr<float[]> kept_surfaces_;            // of packets, while lamps move
+  size_t kept_floats_ = 0, surface_floats_ = 0;       // of a packet
+  Recording kept_of_last_ = Recording::NOTHING;       // in the last tick, of every packet
   std::vector<uint8_t> kept_whole_;
   std::vector<BoundingSphere> emitter_spheres_;
   long rest_ticks_ = 0;              // of `hybrid`: ticks without a change

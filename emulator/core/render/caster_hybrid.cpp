@@ -58,12 +58,16 @@ void Caster::set_hybrid(const Optics& optics, const Tracing& tracing, const Scen
   size_t packets = static_cast<size_t>(sampling_.rows) * sampling_.columns;
   incomplete_.resize(packets);
   // under a still camera keep what packets need to be lit again
-  kept_floats_ = static_cast<size_t>(antialiasing_ ? 1 : tracing.samples) *
-                 kept_rows(frame_.channels + (antialiasing_ ? 1 : 0)) * KEPT_LANES;
-  bool keeps = packets * kept_floats_ * sizeof(float) <= MOST_KEPT_BYTES;
+  size_t samples = antialiasing_ ? 1 : static_cast<size_t>(tracing.samples);
+  int channels = frame_.channels + (antialiasing_ ? 1 : 0);
+  kept_floats_ = samples * kept_rows(channels) * KEPT_LANES;
+  surface_floats_ = samples * surface_rows(channels) * KEPT_LANES;
+  bool keeps = packets * (kept_floats_ + surface_floats_) * sizeof(float) <= MOST_KEPT_BYTES;
   if (incremental_ && keeps && !frame_.medium.fog && !forced_.off(CACHED_LIGHT)) {
     packet_cache_.emplace(sampling_, 0, appearance_.lights, frame_.shadows);
     kept_ = std::make_unique_for_overwrite<float[]>(packets * kept_floats_);
+    // memory that is not used while lamps rest
+    kept_surfaces_ = std::make_unique_for_overwrite<float[]>(packets * surface_floats_);
     kept_whole_.resize(packets);
     emitter_spheres_.resize(static_cast<size_t>(paths_.emitter_count));
   }
@@ -145,23 +149,25 @@ void Caster::trace_hybrid(bool same, bool selective, const Outputs& out) {
   IrradianceCache::Tracer tracer = {*kernel_, colour_frame_, paths_, batches_.get(), *pool_};
   cache.next_tick(tracer);
   bool cold = cache.size() == 0;
-  // lamps that flicker change every packet; and a sweep asks each packet for its nodes
-  bool records = kept_ && selective && same_lights();
-  selective = records && recorded_ && !cold && !cache.swept() && find_dirty_of_hybrid();
+  bool records = kept_ && selective, lamps_move = !same_lights();
+  Recording now = !records ? Recording::NOTHING : lamps_move ? Recording::SURFACES : Recording::LIGHT;
+  // a sweep asks each packet for its nodes
+  selective = records && kept_of_last_ >= now && !cold && !cache.swept() && find_dirty_of_hybrid();
   if (records && !selective) packet_cache_->record_all();
-  auto pass = [&] { return hybrid_passes(tracer, records, selective, out); };
+  auto pass = [&] { return hybrid_passes(tracer, now, selective, out); };
   while (!pass()) cold = true, selective = false;
   if (cold) {
     cache.settle(colour_frame_);
     pass();
   }
-  recorded_ = records;
+  // light alone is kept of packets that are traced while lamps rest
+  kept_of_last_ = now;
 }
 
 // Trace all pixels with the light of the irradiance cache, or those of dirty packets; the others
 // are lit again with what they have kept. Returns false where the cache's lattice became coarser on
 // the way.
-bool Caster::hybrid_passes(const IrradianceCache::Tracer& tracer, bool records, bool selective,
+bool Caster::hybrid_passes(const IrradianceCache::Tracer& tracer, Recording now, bool selective,
                            const Outputs& out) {
   IrradianceCache& cache = *irradiance_;
   cache.begin_pass(IrradianceCache::ALL_PIXELS);
@@ -186,10 +192,16 @@ bool Caster::hybrid_passes(const IrradianceCache::Tracer& tracer, bool records, 
     uint8_t *incomplete = incomplete_.data() + first, *whole = kept_whole_.data() + first;
     long own_traced = 0, own_relit = 0;
     bool complete = true, pairs = kernel_->trace_hybrid_pair && frame_.pairs;
+    auto surfaces = [&](int column) {
+      return now == Recording::SURFACES ? kept_surfaces_.get() + (first + column) * surface_floats_
+                                        : nullptr;
+    };
     // a packet that has not kept all is traced again and again: its rays are recorded already
     auto dirty_of = [&](int column) {
-      if (!records) return Dirty::RETRACE_UNRECORDED;
+      if (now == Recording::NOTHING) return Dirty::RETRACE_UNRECORDED;
       Dirty dirty = selective ? packet_cache_->dirty(column, row) : Dirty::RETRACE;
+      // the light of all lamps is found again
+      if (now == Recording::SURFACES && dirty == Dirty::RELIGHT) dirty = Dirty::CLEAN;
       return dirty == Dirty::CLEAN && !whole[column] ? Dirty::RETRACE_UNRECORDED : dirty;
     };
     for (int column = 0; column < sampling_.columns; column++) {
@@ -198,8 +210,9 @@ bool Caster::hybrid_passes(const IrradianceCache::Tracer& tracer, bool records, 
       int count = 1;
       bool found = true;
       if (dirty == Dirty::CLEAN) {
-        kernel_->relight_hybrid(base_frame, cache.view(), column, row, base_out,
-                                kept_.get() + (first + column) * kept_floats_);
+        kernel_->relight_hybrid(base_frame, paths_, cache.view(), cache.requests(worker), column,
+                                row, base_out, kept_.get() + (first + column) * kept_floats_,
+                                surfaces(column));
         own_relit++;
       } else if (dirty == Dirty::RETRACE_UNRECORDED) {
         bool two = pairs && column % 2 == 0 && column + 1 < sampling_.columns &&
@@ -216,7 +229,7 @@ bool Caster::hybrid_passes(const IrradianceCache::Tracer& tracer, bool records, 
         for (int k = 0; k < count && kept_; k++) whole[column + k] = 0;
       } else {
         KeptPacket kept = {packet_cache_->record(column, row),
-                           kept_.get() + (first + column) * kept_floats_, false};
+                           kept_.get() + (first + column) * kept_floats_, surfaces(column), false};
         kernel_->trace_hybrid(base_frame, paths_, cache.view(), cache.requests(worker), column, row,
                               base_out, &kept);
         found = cache.collect(worker);
@@ -259,14 +272,14 @@ bool Caster::restore_irradiance(long tick, int coarser, int nodes, const int32_t
   if (!irradiance_) return false;
   if (!irradiance_->restore(tick, coarser, nodes, ints, floats, geoms_)) return false;
   rest_ticks_ = 0;
-  recorded_ = false;
+  kept_of_last_ = Recording::NOTHING;
   return true;
 }
 
 void Caster::restart() {
   if (irradiance_) irradiance_->clear();
   rest_ticks_ = 0;
-  recorded_ = false;
+  kept_of_last_ = Recording::NOTHING;
 }
 
 }  // namespace evs

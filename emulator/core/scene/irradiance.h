@@ -90,10 +90,12 @@ struct IrradianceView {
 // Where a packet records its rays, and what else makes its light: see kept_light.inl.
 struct KeptPacket {
   PacketRecord record;
-  float* rows;    // (samples, kept_rows, 16)
+  float* rows;      // (samples, kept_rows, 16)
+  float* surfaces;  // (samples, surface_rows, 16), while lamps move; or null
   bool complete;  // out: the rows hold all that it needs
 };
 constexpr int kept_rows(int channels) { return 15 + 4 * channels; }
+constexpr int surface_rows(int channels) { return 15 + 3 * channels; }
 
 // Nodes whose light is to be found, camera frame: structure of arrays.
 struct NodeArray {

@@ -366,9 +366,10 @@ struct Kernel {
   // requested; the packet must then be traced again. KeptPacket: what it keeps, or null.
   void (*trace_hybrid)(const Frame&, const PathFrame&, const IrradianceView&, NodeRequests&,
                        int column, int row, const Outputs&, KeptPacket*);
-  // The same from what a packet has kept, with the nodes' light of this tick.
-  void (*relight_hybrid)(const Frame&, const IrradianceView&, int column, int row, const Outputs&,
-                         const float* rows);
+  // The same from what a packet has kept, with the nodes' light of this tick; and where lamps have
+  // moved with theirs, from its surfaces, else null.
+  void (*relight_hybrid)(const Frame&, const PathFrame&, const IrradianceView&, NodeRequests&,
+                         int column, int row, const Outputs&, float* rows, const float* surfaces);
   // `trace_hybrid` for `column`, which is even, and `column` + 1 at once; or null.
   void (*trace_hybrid_pair)(const Frame&, const PathFrame&, const IrradianceView&, NodeRequests&,
                             int column, int row, const Outputs&);

@@ -27,29 +27,6 @@ EVS_INLINE Float specular_albedo(Float cosine, Float alpha) {
 constexpr int FEWEST_POINTS = 16;  // on each of several glowing geoms
 constexpr int OUTERMOST = 8;       // points of a glowing geom that decide whether all are traced
 
-template <int CHANNELS>
-struct SurfaceLobes {
-  Bsdf geometry;  // normal, direction and width; no colour
-  Float specular[CHANNELS], diffuse[CHANNELS];
-};
-
-// The lobes of `make_bsdf`, in any number of channels.
-template <int CHANNELS>
-SurfaceLobes<CHANNELS> surface_lobes(const SurfaceInteraction<CHANNELS>& interaction, Vec d) {
-  SurfaceLobes<CHANNELS> s;
-  s.geometry.normal = interaction.normal;
-  s.geometry.cos_outgoing = max(-dot(d, interaction.normal), splat(1e-4f));
-  s.geometry.alpha = min(max(interaction.alpha_ggx, splat(0.002f)), splat(1.0f));
-  Float rest = 1.0f - min(max(interaction.reflectance, splat(0.0f)), splat(1.0f));
-  for (int c = 0; c < CHANNELS; c++) {
-    Float f0 = min(max(interaction.f0[c], splat(0.0f)), splat(1.0f));
-    s.specular[c] = rest * f0;
-    s.diffuse[c] = rest * max(interaction.albedo[c], splat(0.0f)) * (1.0f - interaction.metallic) *
-                   (1.0f - f0);
-  }
-  return s;
-}
-
 struct HybridShading {
   static constexpr bool MIRRORS_SHOW_SKY = true;
   static constexpr bool KEEPS = LANES == PACKET;
@@ -64,11 +41,7 @@ struct HybridShading {
              Float path_length, const CachedShading*, Float* out) const {
     SurfaceLobes<CHANNELS> s = surface_lobes(interaction, rays.direction);
     const Surfaces<CHANNELS> at = {f, rays, hit, interaction, bounds, lit, s, out};
-    for (int c = 0; c < CHANNELS; c++) out[c] = interaction.emitted[c];
-    visit_lights(f, 0, f.light_count, interaction, bounds, lit, [&](int i) {
-      if (f.lights[i].kind != IMAGE) add_light(at, f.lights[i]);
-    });
-    for (int e = 0; e < p.emitter_count; e++) add_emitter(at, e);
+    light_by_lamps(at);
     Received received = {};
     CacheCells cells;
     if (!cache.off) {
@@ -78,9 +51,18 @@ struct HybridShading {
     Float gloss = specular_albedo(min(s.geometry.cos_outgoing, splat(1.0f)), s.geometry.alpha);
     Float reflectance[CHANNELS];
     for (int c = 0; c < CHANNELS; c++) reflectance[c] = s.specular[c] * gloss + s.diffuse[c];
-    if (KEEPS && keeps) keeps->shaded<CHANNELS>(cells, out, reflectance, interaction.alpha, lit);
+    if (KEEPS && keeps)
+      keeps->shaded<CHANNELS>(cells, out, reflectance, hit, interaction, s, lit);
     for (int c = 0; c < CHANNELS; c++)
       out[c] = out[c] + reflectance[c] * of_channel<CHANNELS>(f, received, c);
+  }
+  // The light of lamps that a surface reflects.
+  template <int CHANNELS>
+  void relight(const Frame& f, const Rays& rays, const KeptSurface<CHANNELS>& kept, Mask lit,
+               Float* out) const {
+    LazyBounds bounds;
+    light_by_lamps(Surfaces<CHANNELS>{f, rays, kept.hit, kept.interaction, bounds, lit, kept.lobes,
+                                      out});
   }
   template <int CHANNELS>
   void mirrored(const Float* image, Mask lanes) const {
@@ -430,6 +412,15 @@ struct HybridShading {
   }
 
   template <int CHANNELS>
+  void light_by_lamps(const Surfaces<CHANNELS>& at) const {
+    for (int c = 0; c < CHANNELS; c++) at.out[c] = at.interaction.emitted[c];
+    visit_lights(at.f, 0, at.f.light_count, at.interaction, at.bounds, at.lit, [&](int i) {
+      if (at.f.lights[i].kind != IMAGE) add_light(at, at.f.lights[i]);
+    });
+    for (int e = 0; e < p.emitter_count; e++) add_emitter(at, e);
+  }
+
+  template <int CHANNELS>
   void add_light(const Surfaces<CHANNELS>& at, const Light& light) const {
     const Frame& f = at.f;
     const SurfaceInteraction<CHANNELS>& interaction = at.interaction;
@@ -560,12 +551,29 @@ struct HybridShading {
 inline void trace_hybrid(const Frame& f, const PathFrame& p, const IrradianceView& cache,
                          NodeRequests& requests, int column, int row, const Outputs& out,
                          KeptPacket* kept) {
-  KeptWriter keeps = {kept ? kept->rows : nullptr};
+  KeptWriter keeps = {kept ? kept->rows : nullptr, kept ? kept->surfaces : nullptr};
   HybridShading shading = {p, cache, requests, kept ? &keeps : nullptr};
   for_channels(f, [&]<int CHANNELS>() {
     trace_packet<CHANNELS>(shading, f, column, row, out, kept ? &kept->record : nullptr);
   });
   if (kept) kept->complete = keeps.complete && requests.complete;
+}
+
+// The same from what a packet has kept. In: its surfaces, or null where their lamps are as they
+// were.
+inline void relight_hybrid(const Frame& f, const PathFrame& p, const IrradianceView& cache,
+                           NodeRequests& requests, int column, int row, const Outputs& out,
+                           float* rows, const float* surfaces) {
+  HybridShading shading = {p, cache, requests};
+  for_channels(f, [&]<int CHANNELS>() {
+    auto lamps = [&](int sample, float step, Mask lit, Float* light) {
+      Rays rays = primary_rays(f, column, row, f.sample_x[sample], f.sample_y[sample]);
+      KeptSurface<CHANNELS> kept;
+      read_surface(surfaces + sample * surface_rows(CHANNELS) * PACKET, step, rays.direction, kept);
+      shading.relight<CHANNELS>(f, rays, kept, lit, light);
+    };
+    relight_kept<CHANNELS>(f, cache, column, row, out, rows, surfaces ? &lamps : nullptr);
+  });
 }
 
 // `refine`, with the light of the cache.

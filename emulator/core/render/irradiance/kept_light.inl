@@ -1,47 +1,115 @@
 // What a packet keeps under a still camera: all that its light is made of but for the light of the
-// cache's nodes, which changes in every tick. Shading it again then takes neither rays nor textures.
+// cache's nodes, which changes in every tick; and while lamps move, the surfaces that they light.
+// Shading it again then takes neither camera rays nor textures.
 #pragma once
 
 #include "integrators/film.inl"
 #include "irradiance/node_lattice.inl"
+#include "shading/bsdf.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Rows of a sample: 16 numbers each.
-constexpr int KEPT_MASKS = 0;   // lanes, one bit each: lit, mirrors, blended; and the following
+constexpr int KEPT_HEAD = 0;    // KeptHead
 constexpr int KEPT_SHARE = 1;   // of the second cells
 constexpr int KEPT_CELLS = 2;   // x, y and four nodes, twice
 constexpr int KEPT_WEIGHT = 14;  // of the surface, in front of what shines through haze
 constexpr int KEPT_LIGHT = 15;   // by channel: light of lamps, reflectance, mirror image, haze
 
+struct KeptHead {
+  uint32_t lit, mirrors, blended;  // lanes, one bit each
+  uint32_t layered;                // not 0: weight and haze count
+  float step;                      // of the surface
+};
+
+// Rows of a sample's surface: distance, geom, point, origin of rays, normal, geometric normal, width
+// of the specular lobe; by channel diffuse and specular reflectance, emitted light.
+constexpr int SURFACE_CHANNELS = 15;
+
+template <int CHANNELS>
+struct SurfaceLobes {
+  Bsdf geometry;  // normal, direction and width; no colour
+  Float specular[CHANNELS], diffuse[CHANNELS];
+};
+
+EVS_INLINE Bsdf lobe_geometry(Vec normal, Vec d, Float alpha) {
+  Bsdf s;
+  s.normal = normal;
+  s.cos_outgoing = max(-dot(d, normal), splat(1e-4f));
+  s.alpha = min(max(alpha, splat(0.002f)), splat(1.0f));
+  return s;
+}
+
+// The lobes of `make_bsdf`, in any number of channels.
+template <int CHANNELS>
+SurfaceLobes<CHANNELS> surface_lobes(const SurfaceInteraction<CHANNELS>& interaction, Vec d) {
+  SurfaceLobes<CHANNELS> s;
+  s.geometry = lobe_geometry(interaction.normal, d, interaction.alpha_ggx);
+  Float rest = 1.0f - min(max(interaction.reflectance, splat(0.0f)), splat(1.0f));
+  for (int c = 0; c < CHANNELS; c++) {
+    Float f0 = min(max(interaction.f0[c], splat(0.0f)), splat(1.0f));
+    s.specular[c] = rest * f0;
+    s.diffuse[c] = rest * max(interaction.albedo[c], splat(0.0f)) * (1.0f - interaction.metallic) *
+                   (1.0f - f0);
+  }
+  return s;
+}
+
+// What lamps light.
+template <int CHANNELS>
+struct KeptSurface {
+  Hit hit;
+  SurfaceInteraction<CHANNELS> interaction;
+  SurfaceLobes<CHANNELS> lobes;
+};
+
 // Writes the samples of a packet one by one.
 struct KeptWriter {
-  float* sample;  // the next one
+  float* sample;   // the next one
+  float* surface;  // the next one; null: keep none
   bool complete = true;
   int surfaces = 0;  // shaded for it so far
   int channels = 0;
+  KeptHead head = {};
 
   float* row(int i) const { return sample + i * PACKET; }
   float* light(int kind, int c) const { return row(KEPT_LIGHT + kind * channels + c); }
-  int32_t* masks() const { return reinterpret_cast<int32_t*>(sample); }
 
   // A surface in `lit`: only the first one may read the cache, and nothing shines through it.
   template <int CHANNELS>
-  void shaded(const CacheCells& cells, const Float* lamps, const Float* reflectance, Float alpha,
+  void shaded(const CacheCells& cells, const Float* lamps, const Float* reflectance, const Hit& hit,
+              const SurfaceInteraction<CHANNELS>& at, const SurfaceLobes<CHANNELS>& lobes,
               Mask lit) {
     channels = CHANNELS;
-    complete = complete && surfaces++ == 0 && !any(lit & (alpha < 1.0f));
+    complete = complete && surfaces++ == 0 && !any(lit & (at.alpha < 1.0f));
     if (!complete) return;
-    const int32_t lanes[4] = {static_cast<int32_t>(to_bits(lit)), 0,
-                              static_cast<int32_t>(to_bits(cells.blended)), 0};
-    __builtin_memcpy(masks(), lanes, sizeof lanes);
+    head = {to_bits(lit), 0, to_bits(cells.blended), 0, at.step};
+    if (surface) keep_surface<CHANNELS>(hit, at, lobes);
     store(row(KEPT_SHARE), cells.share);
     keep_cells(cells.first, KEPT_CELLS);
     keep_cells(cells.second, KEPT_CELLS + 6);
     for (int c = 0; c < CHANNELS; c++) {
       store(light(0, c), lamps[c]);
       store(light(1, c), reflectance[c]);
+    }
+  }
+  template <int CHANNELS>
+  void keep_surface(const Hit& hit, const SurfaceInteraction<CHANNELS>& at,
+                    const SurfaceLobes<CHANNELS>& lobes) {
+    float* to = surface;
+    auto put = [&to](Float x) {
+      store(to, x);
+      to += PACKET;
+    };
+    put(hit.distance);
+    put(as_float(hit.geom));
+    const Vec* const vectors[] = {&at.point, &at.spawn_point, &at.normal, &at.geometric_normal};
+    for (const Vec* v : vectors) put(v->x), put(v->y), put(v->z);
+    put(lobes.geometry.alpha);
+    const Float* const colours[] = {lobes.diffuse, lobes.specular, at.emitted};
+    for (const Float* colour : colours) {
+      for (int c = 0; c < CHANNELS; c++) put(colour[c]);
     }
   }
   void keep_cells(const CellLanes& cells, int first) {
@@ -53,7 +121,7 @@ struct KeptWriter {
   template <int CHANNELS>
   void mirrored(const Float* image, Mask lanes) {
     if (!complete || surfaces != 1) return;
-    masks()[1] = static_cast<int32_t>(to_bits(lanes));
+    head.mirrors = to_bits(lanes);
     for (int c = 0; c < CHANNELS; c++) store(light(2, c), image[c]);
   }
   // How the surface is composited: over light that is in front of it, and that of lanes that miss.
@@ -65,7 +133,7 @@ struct KeptWriter {
       plain = plain & (before[c] <= 0.0f) & (before[c] >= 0.0f);
       store(light(3, c), before[c]);
     }
-    masks()[3] = to_bits(plain) != ALL_LANES;
+    head.layered = to_bits(plain) != ALL_LANES;
     store(row(KEPT_WEIGHT), weight);
   }
   // The end of a sample, with all of its light.
@@ -73,12 +141,13 @@ struct KeptWriter {
   void sampled(const Float* total) {
     channels = CHANNELS;
     if (surfaces == 0) {
-      const int32_t lanes[4] = {0, 0, 0, 1};
-      __builtin_memcpy(masks(), lanes, sizeof lanes);
+      head = {0, 0, 0, 1, 0};
       for (int c = 0; c < CHANNELS; c++) store(light(3, c), total[c]);
     }
+    __builtin_memcpy(sample, &head, sizeof head);
     surfaces = 0;
     sample += kept_rows(CHANNELS) * PACKET;
+    if (surface) surface += surface_rows(CHANNELS) * PACKET;
   }
 };
 
@@ -91,20 +160,46 @@ EVS_INLINE Float of_channel(const Frame& f, const Received& light, int c) {
   return colour ? light.colour[k < 0 || k > 2 ? 0 : k] : light.luminance;
 }
 
-// The light of a packet with what it has kept, as trace_hybrid finds it.
 template <int CHANNELS>
+void read_surface(const float* rows, float step, Vec direction, KeptSurface<CHANNELS>& to) {
+  auto get = [&rows] {
+    Float x = load(rows);
+    rows += PACKET;
+    return x;
+  };
+  to.hit.distance = get();
+  to.hit.geom = as_int(get());
+  SurfaceInteraction<CHANNELS>& at = to.interaction;
+  Vec* const vectors[] = {&at.point, &at.spawn_point, &at.normal, &at.geometric_normal};
+  for (Vec* v : vectors) v->x = get(), v->y = get(), v->z = get();
+  at.step = step;
+  at.alpha_ggx = get();
+  Float* const colours[] = {to.lobes.diffuse, to.lobes.specular, at.emitted};
+  for (Float* colour : colours) {
+    for (int c = 0; c < CHANNELS; c++) colour[c] = get();
+  }
+  to.lobes.geometry = lobe_geometry(at.normal, direction, at.alpha_ggx);
+}
+
+// The light of a packet with what it has kept, as trace_hybrid finds it. In: lamps(sample, step,
+// lit, light), the light of lamps, or null where it is kept.
+template <int CHANNELS, class Lamps>
 void relight_kept(const Frame& f, const IrradianceView& cache, int column, int row,
-                  const Outputs& out, const float* rows) {
+                  const Outputs& out, float* rows, const Lamps* lamps) {
   Float sum = splat(0.0f), sums[CHANNELS];
   for (int c = 0; c < CHANNELS; c++) sums[c] = sum;
   for (int s = 0; s < f.samples; s++, rows += kept_rows(CHANNELS) * PACKET) {
     auto kept = [rows](int i) { return load(rows + i * PACKET); };
     auto of = [&](int kind, int c) { return kept(KEPT_LIGHT + kind * CHANNELS + c); };
-    uint32_t masks[4];
-    __builtin_memcpy(masks, rows, sizeof masks);
-    Mask lit = mask_from_bits(masks[0]), mirror = mask_from_bits(masks[1]);
+    KeptHead head;
+    __builtin_memcpy(&head, rows, sizeof head);
+    Mask lit = mask_from_bits(head.lit), mirror = mask_from_bits(head.mirrors);
     Float light[CHANNELS];
-    if (masks[0]) {
+    if (head.lit) {
+      if (lamps) {
+        (*lamps)(s, head.step, lit, light);
+        for (int c = 0; c < CHANNELS; c++) store(rows + (KEPT_LIGHT + c) * PACKET, light[c]);
+      }
       auto cells = [&](int i) {
         CellLanes at = {{}, kept(i), kept(i + 1)};
         for (int k = 0; k < 4; k++) at.node[k] = as_int(kept(i + 2 + k));
@@ -112,9 +207,9 @@ void relight_kept(const Frame& f, const IrradianceView& cache, int column, int r
       };
       CacheCells at;
       at.first = cells(KEPT_CELLS);
-      at.blended = mask_from_bits(masks[2]);
+      at.blended = mask_from_bits(head.blended);
       at.share = splat(0.0f);
-      if (masks[2]) {
+      if (head.blended) {
         at.share = kept(KEPT_SHARE);
         at.second = cells(KEPT_CELLS + 6);
       }
@@ -122,13 +217,13 @@ void relight_kept(const Frame& f, const IrradianceView& cache, int column, int r
       read_cells<(CHANNELS >= 3)>(cache, at, lit, received);
       for (int c = 0; c < CHANNELS; c++)
         light[c] = of(0, c) + of(1, c) * of_channel<CHANNELS>(f, received, c);
-      for (int c = 0; c < CHANNELS && masks[1]; c++)
+      for (int c = 0; c < CHANNELS && head.mirrors; c++)
         light[c] = select(mirror, light[c] + of(2, c), light[c]);
     }
     for (int c = 0; c < CHANNELS; c++) {
-      if (!masks[3]) {
+      if (!head.layered) {
         light[c] = splat(0.0f) + light[c];
-      } else if (masks[0]) {
+      } else if (head.lit) {
         light[c] = select(lit, of(3, c) + light[c] * kept(KEPT_WEIGHT), of(3, c));
       } else {
         light[c] = of(3, c);
@@ -140,12 +235,6 @@ void relight_kept(const Frame& f, const IrradianceView& cache, int column, int r
   float share = 1.0f / static_cast<float>(f.samples);
   for (int c = 0; c < CHANNELS; c++) sums[c] = sums[c] * share;
   write_pixels<CHANNELS>(f, column, row, sum * share, sums, out);
-}
-
-inline void relight_hybrid(const Frame& f, const IrradianceView& cache, int column, int row,
-                           const Outputs& out, const float* rows) {
-  for_channels(f,
-               [&]<int CHANNELS>() { relight_kept<CHANNELS>(f, cache, column, row, out, rows); });
 }
 
 }  // namespace
