@@ -193,12 +193,12 @@ class Caster {
   std::vector<uint8_t> incomplete_;  // packets that missed nodes
   // what packets keep (packets, samples, kept_rows, 16), and whether that is all; null: nothing
   std::unique_ptr<float[]> kept_;
-  std::unique_ptr<float[]> kept_surfaces_;            // of packets, while lamps move
-  size_t kept_floats_ = 0, surface_floats_ = 0;       // of a packet
-  Recording kept_of_last_ = Recording::NOTHING;       // in the last tick, of every packet
+  std::unique_ptr<float[]> kept_surfaces_;       // of packets, while lamps move
+  size_t kept_floats_ = 0, surface_floats_ = 0;  // of a packet
+  Recording kept_of_last_ = Recording::NOTHING;  // in the last tick, of every packet
   std::vector<uint8_t> kept_whole_;
   std::vector<BoundingSphere> emitter_spheres_;
-  long rest_ticks_ = 0;              // of `hybrid`: ticks without a change
+  long rest_ticks_ = 0;  // of `hybrid`: ticks without a change
   PathFrame paths_ = {};
   std::unique_ptr<PathBatch[]> batches_;  // one per worker
   int previous_seed_ = 0;
@@ -215,7 +215,7 @@ class Caster {
   std::vector<bool> deformed_;              // meshes, since the last render
   Spheres spheres_;
   std::optional<GeomBvhBuilder> bvh_;
-  Reaches reaches_;                              // of the lights
+  Reaches reaches_;  // of the lights
   // Geoms that moved, before and now; and, of `hybrid`, what SceneChange::soft says of them.
   Moved moved_, moved_soft_;
   Sampling sampling_ = {};

@@ -150,7 +150,9 @@ void Caster::trace_hybrid(bool same, bool selective, const Outputs& out) {
   cache.next_tick(tracer);
   bool cold = cache.size() == 0;
   bool records = kept_ && selective, lamps_move = !same_lights();
-  Recording now = !records ? Recording::NOTHING : lamps_move ? Recording::SURFACES : Recording::LIGHT;
+  Recording now = !records     ? Recording::NOTHING
+                  : lamps_move ? Recording::SURFACES
+                               : Recording::LIGHT;
   // a sweep asks each packet for its nodes
   selective = records && kept_of_last_ >= now && !cold && !cache.swept() && find_dirty_of_hybrid();
   if (records && !selective) packet_cache_->record_all();

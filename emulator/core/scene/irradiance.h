@@ -72,13 +72,13 @@ struct IrradianceView {
   bool off;      // there is no such light
   bool readers;  // each packet says from where it reads
   const NodeSlot* slots;
-  uint32_t mask;       // of the place in the table
+  uint32_t mask;  // of the place in the table
   // (nodes, 4) irradiance over pi by channel: what white paper reflects; and the luminance that the
   // node's surface reflects of it
   const float* light;
-  uint8_t pass;        // over the pixels, one bit
-  uint8_t* used;       // (nodes) the passes that read it since the last sweep
-  float spacing;       // largest, for 1 m of distance; orthographic: m
+  uint8_t pass;                  // over the pixels, one bit
+  uint8_t* used;                 // (nodes) the passes that read it since the last sweep
+  float spacing;                 // largest, for 1 m of distance; orthographic: m
   const float *lamp_x, *lamp_y;  // (LAMP_POINTS) evenly spread points, 0 ... 1
   // (emitters, LAMP_POINTS), the outermost first
   const LampPoint* lamp_points;
@@ -92,7 +92,7 @@ struct KeptPacket {
   PacketRecord record;
   float* rows;      // (samples, kept_rows, 16)
   float* surfaces;  // (samples, surface_rows, 16), while lamps move; or null
-  bool complete;  // out: the rows hold all that it needs
+  bool complete;    // out: the rows hold all that it needs
 };
 constexpr int kept_rows(int channels) { return 15 + 4 * channels; }
 constexpr int surface_rows(int channels) { return 15 + 3 * channels; }
@@ -127,7 +127,8 @@ inline uint64_t hash_of(const NodeKey& k) {
 
 // A hash that is fast rather than good.
 inline uint32_t short_hash(const NodeKey& k) {
-  uint32_t hash = static_cast<uint32_t>(k.x) * 0x9e3779b1u ^ static_cast<uint32_t>(k.y) * 0x85ebca6bu ^
+  uint32_t hash = static_cast<uint32_t>(k.x) * 0x9e3779b1u ^
+                  static_cast<uint32_t>(k.y) * 0x85ebca6bu ^
                   static_cast<uint32_t>(k.z) * 0xc2b2ae35u ^
                   static_cast<uint32_t>((k.geom * 8 + k.face) * 64 + k.level) * 0x27d4eb2fu;
   return hash >> 16;
@@ -143,8 +144,8 @@ inline int find_node(const NodeSlot* slots, uint32_t mask, const NodeKey& key) {
   }
 }
 
-// Of lattices without a border, in spacings: coordinates of scenes are often round numbers, and nodes
-// where geoms meet would be lit or dark by rounding.
+// Of lattices without a border, in spacings: coordinates of scenes are often round numbers, and
+// nodes where geoms meet would be lit or dark by rounding.
 constexpr float LATTICE_SHIFT = 0.381966f;
 constexpr float SHEET = 4;  // spacings: parts of a mesh farther apart have nodes of their own
 

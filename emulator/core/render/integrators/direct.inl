@@ -145,8 +145,8 @@ struct DirectShading {
              const CachedShading* shading, Float* out) const {
     shade_direct<CHANNELS>(f, rays, hit, interaction, bounds, lit, shading, out);
   }
-  // for those that keep what they shade: an image in a mirror, the weight of a surface and the light
-  // before it, the light of a whole sample
+  // for those that keep what they shade: an image in a mirror, the weight of a surface and the
+  // light before it, the light of a whole sample
   template <int CHANNELS>
   void mirrored(const Float*, Mask) const {}
   template <int CHANNELS>

@@ -51,8 +51,7 @@ struct HybridShading {
     Float gloss = specular_albedo(min(s.geometry.cos_outgoing, splat(1.0f)), s.geometry.alpha);
     Float reflectance[CHANNELS];
     for (int c = 0; c < CHANNELS; c++) reflectance[c] = s.specular[c] * gloss + s.diffuse[c];
-    if (KEEPS && keeps)
-      keeps->shaded<CHANNELS>(cells, out, reflectance, hit, interaction, s, lit);
+    if (KEEPS && keeps) keeps->shaded<CHANNELS>(cells, out, reflectance, hit, interaction, s, lit);
     for (int c = 0; c < CHANNELS; c++)
       out[c] = out[c] + reflectance[c] * of_channel<CHANNELS>(f, received, c);
   }
@@ -61,8 +60,8 @@ struct HybridShading {
   void relight(const Frame& f, const Rays& rays, const KeptSurface<CHANNELS>& kept, Mask lit,
                Float* out) const {
     LazyBounds bounds;
-    light_by_lamps(Surfaces<CHANNELS>{f, rays, kept.hit, kept.interaction, bounds, lit, kept.lobes,
-                                      out});
+    light_by_lamps(
+        Surfaces<CHANNELS>{f, rays, kept.hit, kept.interaction, bounds, lit, kept.lobes, out});
   }
   template <int CHANNELS>
   void mirrored(const Float* image, Mask lanes) const {
@@ -159,8 +158,8 @@ struct HybridShading {
 
   // Call visit(geom, cone, lanes) for the geoms that may hide a lamp, a sphere, from the points of
   // `lanes`, until it returns true: those near the rays from a box of points to the sphere; convex
-  // ones never hide it from themselves. `lamp`: a geom, or -1. Returns whether one returned true, or
-  // whether a point lies in the sphere.
+  // ones never hide it from themselves. `lamp`: a geom, or -1. Returns whether one returned true,
+  // or whether a point lies in the sphere.
   template <int CHANNELS, class Visit>
   bool visit_hiding(const Surfaces<CHANNELS>& at, V3 position, float radius, int lamp, Mask lanes,
                     const Visit& visit) const {
@@ -255,7 +254,8 @@ struct HybridShading {
     Float foot = along * cosine + aside * sine, away = aside * cosine - along * sine;
     Mask beside = (foot > 0.0f) & (foot < in.distance * cosine) & (away <= radius);
     float reach = radius + bulb;
-    return lanes & (beside | (dot(v, v) <= radius * radius) | (dot(beyond, beyond) <= reach * reach));
+    return lanes &
+           (beside | (dot(v, v) <= radius * radius) | (dot(beyond, beyond) <= reach * reach));
   }
 
   // Cover of a bulb by a sphere or a capsule. The outline of the geom is taken for a circle, or
@@ -362,8 +362,8 @@ struct HybridShading {
                                      : cover_of(at, g, in, light.radius, splat(g.position),
                                                 g.size[0], g.shape == CAPSULE, lanes);
       dark = dark | cover.dark;
-      // What two geoms hide together is not known. Of many geoms, other packets may miss one that is
-      // near, but hides nothing: what it decides must not matter.
+      // What two geoms hide together is not known. Of many geoms, other packets may miss one that
+      // is near, but hides nothing: what it decides must not matter.
       unknown = unknown | cover.unknown | (f.bvh.top > 0 ? cover.partly : cover.partly & partly);
       partly = partly | cover.partly;
       seen = select(cover.partly, 1.0f - cover.share, seen);

@@ -295,7 +295,8 @@ void IrradianceCache::place(const Geom& g, const Node& node, const NodeArray& to
     to.direction[a][at] = a == axis ? -side : 0.0f;
     float whole = static_cast<float>(lattice[a]);
     // from half a spacing above the sheet
-    whole = a == axis ? (whole + 0.5f) * SHEET + side * (0.5f * SHEET + 0.5f) : whole + LATTICE_SHIFT;
+    whole =
+        a == axis ? (whole + 0.5f) * SHEET + side * (0.5f * SHEET + 0.5f) : whole + LATTICE_SHIFT;
     to.origin[a][at] = whole * spacing;
   }
   to.reach[at] = (SHEET + 1) * spacing;
@@ -428,17 +429,20 @@ void IrradianceCache::next_tick(const Tracer& t) {
       average(t.frame, due_[i]);
     }
   });
-  for (int k = 0; k < size(); k++) {
-    const Node& node = nodes_[k];
-    int step = (turn - phase_[k] + RENEWAL_TICKS) % RENEWAL_TICKS + 1;
-    float share = static_cast<float>(step) * (1.0f / RENEWAL_TICKS);
-    float light[3];
-    for (int c = 0; c < 3; c++) {
-      float between = node.before[c] + (node.mean[c] - node.before[c]) * share;
-      light[c] = step == RENEWAL_TICKS ? node.mean[c] : between;
+  constexpr int STEPS_A_JOB = 1024;
+  t.pool.run((size() + STEPS_A_JOB - 1) / STEPS_A_JOB, [&](int job, int) {
+    for (int k = job * STEPS_A_JOB; k < std::min((job + 1) * STEPS_A_JOB, size()); k++) {
+      const Node& node = nodes_[k];
+      int step = (turn - phase_[k] + RENEWAL_TICKS) % RENEWAL_TICKS + 1;
+      float share = static_cast<float>(step) * (1.0f / RENEWAL_TICKS);
+      float light[3];
+      for (int c = 0; c < 3; c++) {
+        float between = node.before[c] + (node.mean[c] - node.before[c]) * share;
+        light[c] = step == RENEWAL_TICKS ? node.mean[c] : between;
+      }
+      set_light(t.frame, static_cast<size_t>(k), light);
     }
-    set_light(t.frame, static_cast<size_t>(k), light);
-  }
+  });
   refresh_view();
 }
 
@@ -524,8 +528,8 @@ void IrradianceCache::save(int32_t* ints, float* floats) const {
   for (size_t k = 0; k < nodes_.size(); k++) {
     const Node& node = nodes_[k];
     const NodeKey& key = node.key;
-    const int32_t row[STATE_INTS] = {key.geom, key.level, key.face, key.x,
-                                     key.y,    key.z,     used_[k] | known_[k] << 2};
+    const int32_t row[STATE_INTS] = {
+        key.geom, key.level, key.face, key.x, key.y, key.z, used_[k] | known_[k] << 2};
     ints = std::copy_n(row, STATE_INTS, ints);
     std::memcpy(floats, static_cast<const NodeFloats*>(&node), sizeof(NodeFloats));
     floats += STATE_FLOATS;

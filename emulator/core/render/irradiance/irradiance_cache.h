@@ -73,8 +73,8 @@ class IrradianceCache {
   // Add and light the nodes that were requested. Returns false where there was no room: the lattice
   // is then coarser, and every pixel must be traced again.
   bool add_requested(const Tracer& tracer);
-  // Take the first hit that has read each node in this tick, if the packets said. Nodes that it does
-  // not see move there when it is their turn.
+  // Take the first hit that has read each node in this tick, if the packets said. Nodes that it
+  // does not see move there when it is their turn.
   void take_readers();
   // After the first tick: average all nodes again, now that all neighbours are there.
   void settle(const Frame& frame);
@@ -112,7 +112,7 @@ class IrradianceCache {
     std::vector<int32_t> ints;
     NodeArray nodes;
   };
-  static constexpr int CHUNK = 128;  // nodes that are lit together
+  static constexpr int CHUNK = 64;  // nodes that are lit together
 
   static void keep(NodeRequests& requests);
   static void place(const Geom& g, const Node& node, const NodeArray& to, int at);

@@ -11,9 +11,9 @@ namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Rows of a sample: 16 numbers each.
-constexpr int KEPT_HEAD = 0;    // KeptHead
-constexpr int KEPT_SHARE = 1;   // of the second cells
-constexpr int KEPT_CELLS = 2;   // x, y and four nodes, twice
+constexpr int KEPT_HEAD = 0;     // KeptHead
+constexpr int KEPT_SHARE = 1;    // of the second cells
+constexpr int KEPT_CELLS = 2;    // x, y and four nodes, twice
 constexpr int KEPT_WEIGHT = 14;  // of the surface, in front of what shines through haze
 constexpr int KEPT_LIGHT = 15;   // by channel: light of lamps, reflectance, mirror image, haze
 
@@ -23,8 +23,8 @@ struct KeptHead {
   float step;                      // of the surface
 };
 
-// Rows of a sample's surface: distance, geom, point, origin of rays, normal, geometric normal, width
-// of the specular lobe; by channel diffuse and specular reflectance, emitted light.
+// Rows of a sample's surface: distance, geom, point, origin of rays, normal, geometric normal,
+// width of the specular lobe; by channel diffuse and specular reflectance, emitted light.
 constexpr int SURFACE_CHANNELS = 15;
 
 template <int CHANNELS>

@@ -209,7 +209,8 @@ EVS_INLINE void read_cells(const IrradianceView& cache, const CacheCells& cells,
   constexpr int GREY = 3;
   bool blended = any(cells.blended);
   for (int c = COLOURS ? 0 : GREY; c <= GREY; c++) {
-    Float light = select(lit, interpolate(cache, cells.first, c) * (1.0f - cells.share), splat(0.0f));
+    Float light =
+        select(lit, interpolate(cache, cells.first, c) * (1.0f - cells.share), splat(0.0f));
     if (blended) {
       Float second = light + interpolate(cache, cells.second, c) * cells.share;
       light = select(cells.blended, second, light);
@@ -249,7 +250,8 @@ void cells_of_hits(const Frame& f, const IrradianceView& cache, NodeRequests& re
       left &= ~to_bits(at_level);
       find_cells(cache, requests, g, geom, index, p, n, at_level, out.first);
       at_level = at_level & out.blended;
-      if (any(at_level)) find_cells(cache, requests, g, geom, index + 1, p, n, at_level, out.second);
+      if (any(at_level))
+        find_cells(cache, requests, g, geom, index + 1, p, n, at_level, out.second);
     }
   }
 }

@@ -363,8 +363,8 @@ inline LightSample sample_emitter(const Frame& f, const PathFrame& p, Vec from, 
       Vec apart = splat(g.position) - from;
       Float square = dot(apart, apart), distance = sqrt(square), distance_to_sphere;
       Mask outside = here & (distance > g.size[0]);
-      Vec w = sample_cone(normalize(apart), distance, g.size[0], u_point, p.world,
-                          distance_to_sphere);
+      Vec w =
+          sample_cone(normalize(apart), distance, g.size[0], u_point, p.world, distance_to_sphere);
       Float pdf = share / (one_minus_cos_cone(square, g.size[0]) * (2 * PI));
       out.wi = select(here, w, out.wi);
       out.distance = select(here, max(distance_to_sphere, splat(0.0f)), out.distance);
