@@ -9,18 +9,20 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
+import mujoco
 import numpy as np
 import pytest
 
 from evs.emulator import World, _core
 from evs.emulator.base.scene import CameraPose
-from evs.emulator.config import RenderConfig
+from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import make_renderer
 from evs.emulator.render.hybrid import HybridRenderer
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
 from reference import path_stages
 from reference.ball_room import ball_room
-from reference.random_scenes import RandomStage
+from reference.random_scenes import RandomStage, check_film
 from reference.stage import Stage
 
 HYBRID = RenderConfig(renderer="hybrid", spp=2)
@@ -118,6 +120,78 @@ def test_incremental_equals_full_tracing() -> None:
         np.testing.assert_array_equal(kept.render(*instant), full.render(*instant))
         fractions.append(kept.traced_fraction)
     assert 0 in fractions
+
+
+def of_seed(seed: int) -> dict[str, object]:
+    edges = {"antialiasing": "adaptive"} if seed % 5 == 4 else {}
+    return {"renderer": "hybrid", "bounces": seed % 3, **edges}
+
+
+def test_a_film_of_random_scenes_is_the_same_however_it_is_made() -> None:
+    small = {"size": (39, 27)}
+    check_film(range(5, 17, 2), 6, of_seed, bulbs=True, **small)
+    check_film(range(20, 22), 6, of_seed, rich=True, **small)
+
+
+@pytest.mark.slow
+def test_films_of_more_random_scenes_are_the_same() -> None:
+    small = {"size": (39, 27)}
+    check_film(range(100, 130), 10, of_seed, bulbs=True, **small)
+    check_film(range(200, 215), 10, of_seed, rich=True, **small)
+    check_film(range(300, 302), 4, of_seed, bulbs=True, many=150, **small)
+
+
+LIT_ROOM = """<mujoco><asset>
+    <texture name="sky" type="skybox" builtin="gradient" rgb1=".6 .7 .9" rgb2=".1 .1 .2"
+             width="8" height="8"/>
+    <texture name="tiles" type="2d" builtin="checker" rgb1=".8 .7 .6" rgb2=".3 .4 .3"
+             width="32" height="32"/>
+    <material name="floor" texture="tiles" texrepeat="3 3" reflectance=".2"/>
+    <material name="lamp" emission="3"/><material name="gloss" specular=".8" shininess=".7"/>
+  </asset><worldbody>
+  <light name="bulb" mode="{mode}" pos="1 -1 2" dir="0 0 -1" cutoff="80" bulbradius=".2"/>
+  <geom type="plane" size="{floor} {floor} 1" material="floor"/>
+  <geom type="ellipsoid" size=".2 .2 .1" pos="-.8 .5 1.2" material="lamp"/>
+  <geom type="box" size=".2 .3 .2" pos=".6 .3 .2" euler="0 0 20" material="gloss"/>
+  <geom type="cylinder" size=".1 .3" pos="-.5 .6 .3" material="gloss"/>
+  <body pos="0 0 .7"><freejoint/><geom size=".12" rgba=".3 .5 .8 1"/>
+    <geom type="capsule" size=".05 .2" pos=".1 0 .2" euler="0 60 0" rgba=".8 .8 .3 1"/></body>
+  <camera name="eye" pos="0 -2 .8" xyaxes="1 0 0 0 .2 1"/></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("floor", [2, 0])
+@pytest.mark.parametrize(("mode", "spp"), [("fixed", 1), ("fixed", 3), ("trackcom", 2)])
+def test_packets_before_a_still_camera_are_lit_again(mode: str, spp: int, floor: int) -> None:
+    """Penumbrae, a mirror with sky, a horizon with haze, and a bulb that follows what falls.
+
+    Most packets only read the cache again, or evaluate lamps at the surfaces that they have kept;
+    from tick 70 on, the bulb rests in any case.
+    """
+    model = mujoco.MjModel.from_xml_string(LIT_ROOM.format(mode=mode, floor=floor))
+    data = mujoco.MjData(model)
+    camera = bind_camera(model, "eye", 64, 48, CameraConfig())
+    scene, snapshots = extract_scene(model), SnapshotTaker(model, [camera])
+    config = RenderConfig(renderer="hybrid", spp=spp)
+    kept, full = (
+        make_renderer(
+            scene, camera.model, replace(config, incremental=incremental), 1, rgb=spp == 3
+        )
+        for incremental in (True, False)
+    )
+    lit_again = []
+    for tick in range(80):
+        data.time += 1e-3
+        data.qpos[2] -= 2e-3
+        data.qpos[0] += 3e-3
+        if tick == 70:
+            model.light_mode[:] = mujoco.mjtCamLight.mjCAMLIGHT_FIXED
+        mujoco.mj_forward(model, data)
+        snapshot = snapshots.snapshot(data, 1000 * tick)
+        instant = snapshot, snapshot.cameras[0]
+        assert kept.render(*instant).tobytes() == full.render(*instant).tobytes(), tick
+        lit_again.append(1 - kept.traced_fraction)  # type: ignore[attr-defined]
+    assert np.median(lit_again) > 0.25
+    assert full.traced_fraction == 1  # type: ignore[attr-defined]
 
 
 def test_a_restart_gives_the_bytes_of_a_fresh_start() -> None:

@@ -157,6 +157,7 @@ class RandomStage:
         many: How many geoms there are, smaller ones: some are where another is, of the same size,
             and only two may be planes.
         lights: How many lights there are.
+        bulbs: Whether lamps have any size.
     """
 
     def __init__(
@@ -170,6 +171,7 @@ class RandomStage:
         size: tuple[int, int] = (41, 30),
         many: int | None = None,
         lights: int | None = None,
+        bulbs: bool = False,
     ) -> None:
         self.rng = rng = np.random.default_rng(seed)
         count, coloured = int(rng.integers(0, 25)), bool(rng.integers(2))
@@ -186,6 +188,12 @@ class RandomStage:
         shining = tuple(random_light(rng, coloured) for _ in range(light_count))
         # from a generator of its own, so that the rest of the scene is the same with or without
         more, air = np.random.default_rng([seed, 1]), None
+        if bulbs:
+            sizes = 0.5 * np.random.default_rng([seed, 2]).random(light_count)
+            shining = tuple(
+                replace(light, bulbradius_m=float(size))
+                for light, size in zip(shining, sizes, strict=True)
+            )
         if rich:
             textures = (
                 *textures,

@@ -26,6 +26,9 @@ EVS_INLINE Float specular_albedo(Float cosine, Float alpha) {
 
 constexpr int FEWEST_POINTS = 16;  // on each of several glowing geoms
 constexpr int OUTERMOST = 8;       // points of a glowing geom that decide whether all are traced
+// Cosine up to which a point of a glowing geom gives no light: rays that arrive so flat could meet
+// the geom itself, by rounding, and not every packet traces them.
+constexpr float GRAZING = 0.01f;
 
 struct HybridShading {
   static constexpr bool MIRRORS_SHOW_SKY = true;
@@ -503,7 +506,7 @@ struct HybridShading {
       // a disc of that area, whose light is finite near it
       float area = point.area * share;
       strength = cosine * area / (square * PI + area);
-      return others & at.facing(wi) & (cosine > 0.0f);
+      return others & at.facing(wi) & (cosine > GRAZING);
     };
     auto passed = [&](Mask lanes) {
       return transmittance(f, p, at.interaction.spawn_point, wi, distance * 0.9999f, at.hit.geom,
