@@ -61,6 +61,7 @@ def test_a_full_frame(robot_files: dict[str, Path]) -> None:
             rows[f"hybrid, {isa}"] = view.light(2, renderer="hybrid", isa=isa)
             more = {"renderer": "hybrid", "isa": isa}
             rows[f"hybrid, 4 samples, {isa}"] = view.light(2, 4, **more)
+            rows[f"hybrid, 16 samples, {isa}"] = view.light(2, 16, **more)
             rows[f"hybrid, 4 at edges, {isa}"] = view.light(2, 4, antialiasing="adaptive", **more)
             rows[f"path, 4 samples, {isa}"] = view.light(2, 4, renderer="path", isa=isa)
             rows[f"path, 16 samples, {isa}"] = view.light(2, 16, renderer="path", isa=isa)
