@@ -1,4 +1,4 @@
-"""Time of `hybrid` beside `direct` and `path`: a full frame, filling its cache, ticks of a film."""
+"""`hybrid` beside `direct` and `path`: time of frames and films, filling its cache, events."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from evs.drivers.pictures import write_png
-from evs.emulator.config import RenderConfig
+from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import make_renderer
 from evs.emulator.world import extract_scene
+from evs.msgs import Events
 from reference.film import VIEWS, Film, model_of
 from speed.many import many_geoms
 from speed.turns import Table, milliseconds, target
@@ -114,6 +115,38 @@ def test_ticks_of_a_film(motion: str, robot_files: dict[str, Path]) -> None:
                     times.append(1e3 * (time.perf_counter() - begin))
                 medians.append(f"{isa} {np.median(times[5:]):.2f} ms")
             print(f"{name}, {motion} camera: {label}: {', '.join(medians)}")
+
+
+@pytest.mark.bench
+@pytest.mark.parametrize("motion", ["still", "pan"])
+def test_events(motion: str, robot_files: dict[str, Path]) -> None:
+    """Small films of the room and of a matt robot, against the events of 256 samples."""
+    robot = model_of("gymnasium/humanoid", robot_files)
+    robot.mat_specular[:] = robot.mat_reflectance[:] = 0
+    room = mujoco.MjModel.from_xml_string(CORNELL)
+    inside = CameraConfig(lookat=(0, 0.3, 0.9), distance=2.2, azimuth=90, elevation=-3)
+    near = VIEWS["gymnasium/humanoid"]
+    for name, model, view in (("room", room, inside), ("matt humanoid", robot, near)):
+        film = Film(model, motion, 56, 42, 61, view)
+
+        def events(seed: int = 1, film: Film = film, **render: object) -> Events:
+            config = RenderConfig(**render)  # type: ignore[arg-type]
+            made = make_renderer(film.scene, film.camera, config, 2, seed=seed)
+            return film.events_by(made)[0]
+
+        truth = events(renderer="path", spp=256)
+        rows = {
+            "the reference, another seed": events(2, renderer="path", spp=256),
+            "no event": truth[:0],
+            **{f"path, {spp} fixed": events(3, renderer="path", spp=spp) for spp in (4, 16)},
+            **{f"hybrid, {spp}": events(3, renderer="hybrid", spp=spp) for spp in (4, 16)},
+            "direct, 4": events(renderer="direct", spp=4),
+        }
+        found = {row: film.compare(of_row, truth, 20_000) for row, of_row in rows.items()}
+        for row, score in found.items():
+            rates = f"{score.recall:.2f} / {score.precision:.2f}"
+            print(f"{name}, {motion} camera: {row}: EMD {score.emd:.3f}, {rates}")
+        assert found["hybrid, 16"].emd < found["path, 16 fixed"].emd
 
 
 @pytest.mark.bench
