@@ -34,8 +34,9 @@ constexpr const char* FEATURE_NAMES[FEATURE_COUNT] = {
 
 using FeatureFlags = std::map<std::string, bool>;
 
-// Features forced on (the output's bytes stay the same, but for TRANSPARENT) or off (for tests:
-// what needs the feature is then wrong, or with HIERARCHY and LIGHT_REACH slow).
+// Features forced on (the output's bytes stay the same, but for TRANSPARENT, and for HIERARCHY with
+// `hybrid`) or off (for tests: what needs the feature is then wrong, or with HIERARCHY and
+// LIGHT_REACH slow).
 class ForcedFeatures {
  public:
   ForcedFeatures() { setting_.fill(-1); }

@@ -17,11 +17,12 @@ namespace evs {
 namespace {
 
 // Every code path that changes no byte where nothing needs it.
-ForcedFeatures everything_on(const SceneData& scene) {
+ForcedFeatures everything_on(const SceneData& scene, bool hybrid) {
   FeatureFlags flags;
   for (const char* name : FEATURE_NAMES) flags[name] = true;
   flags.erase(FEATURE_NAMES[SHADOWS]);
   flags.erase(FEATURE_NAMES[TRANSPARENT]);
+  if (hybrid) flags.erase(FEATURE_NAMES[HIERARCHY]);
   if (scene.skybox >= 0) flags.erase(FEATURE_NAMES[FOG]);
   return ForcedFeatures(flags);
 }
@@ -46,7 +47,7 @@ void same_bytes_everywhere(const Tracing& how) {
         for (bool incremental : {false, true}) {
           for (bool idle : {false, true}) {
             tracing.incremental = incremental;
-            tracing.forced = idle ? everything_on(scene) : ForcedFeatures();
+            tracing.forced = idle ? everything_on(scene, how.hybrid) : ForcedFeatures();
             casters.push_back(std::make_unique<Caster>(scene, optics, tracing, 2, isa));
             light.emplace_back(pixels);
           }
