@@ -172,6 +172,8 @@ void Caster::set_paths() {
   f.emissive = forced_.decide(EMISSIVE, f.emissive);
   f.transparent = forced_.decide(TRANSPARENT, f.transparent);
   paths_ = f;
+  // the light of a lamp that is forgotten is kept nowhere
+  kept_of_last_ = Recording::NOTHING;
 }
 
 void Caster::deform_mesh(int index, const float* vertices, const float* normals) {
