@@ -152,6 +152,7 @@ class Caster {
   uint32_t non_occluding_planes(const Light& light) const;
   void place_lights(const Poses& poses);
   void place_medium();
+  bool has_changed(size_t geom) const;
   void find_moved();
   bool same_lights() const;
   void trace_paths(bool first, bool same, bool same_lamps, const Outputs& out);

@@ -168,6 +168,13 @@ SceneChange Caster::Moved::change() const {
   return {capsules.data(), view.view(), around, nullptr, nullptr, nullptr, 0};
 }
 
+// Has a geom moved since the last tick, or changed its shape?
+bool Caster::has_changed(size_t k) const {
+  const Geom& g = geoms_[k];
+  bool deformed = g.mesh >= 0 && deformed_[g.mesh];
+  return deformed || std::memcmp(&g, &previous_geoms_[k], sizeof(Geom)) != 0;
+}
+
 // Bound every geom that moved.
 void Caster::find_moved() {
   moved_.capsules.clear();
@@ -177,8 +184,7 @@ void Caster::find_moved() {
     // a geom without a radius, before and now, is invisible
     bool solid = g.shape == PLANE || g.mesh >= 0;
     if (!solid && !(g.size[0] > 0) && !(previous_geoms_[k].size[0] > 0)) continue;
-    bool deformed = g.mesh >= 0 && deformed_[g.mesh];
-    if (!deformed && std::memcmp(&g, &previous_geoms_[k], sizeof(Geom)) == 0) continue;
+    if (!has_changed(k)) continue;
     moved_.add(bounding_capsule(previous_geoms_[k], previous_spheres_[k]),
                bounding_capsule(g, bounding_spheres_[k]));
     if (!kept_) continue;

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <cstring>
 
 #include "caster.h"
 
@@ -120,8 +119,7 @@ bool Caster::find_dirty_of_hybrid() {
   for (int e = 0; e < paths_.emitter_count; e++) {
     int k = paths_.emitters[e].geom;
     const Geom& g = geoms_[k];
-    bool deformed = g.mesh >= 0 && deformed_[g.mesh];
-    if (deformed || std::memcmp(&g, &previous_geoms_[k], sizeof(Geom)) != 0) return false;
+    if (has_changed(static_cast<size_t>(k))) return false;
     emitter_spheres_[e] = bounding_spheres_[k];
     if (g.shape == PLANE) emitter_spheres_[e] = {g.position, g.size[0] + g.size[1]};
   }
