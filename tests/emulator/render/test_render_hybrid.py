@@ -218,6 +218,21 @@ def test_a_saved_cache_goes_on_with_the_same_bytes() -> None:
         np.testing.assert_array_equal(other.render(*instant), one.render(*instant))
 
 
+def test_edges_that_ask_for_nodes_in_a_sweep_leave_nothing_behind() -> None:
+    """The camera jumps in the tick of a sweep; what a saved state does not hold must not matter."""
+    stage = RandomStage(5, size=(23, 17), bulbs=True)
+    before = film_of(stage, 1)[0]
+    after = before[0], CameraPose(stage.pose.pos + 0.15, stage.pose.mat)
+    one, other = (renderer_of(stage, antialiasing="adaptive", spp=4) for _ in range(2))
+    for _ in range(RENEWAL * QUARTERS - 1):
+        one.render(*before)
+    one.render(*after)
+    other.restoring(one.save())()
+    for _ in range(DROPPED):
+        np.testing.assert_array_equal(one.render(*after), other.render(*after))
+    np.testing.assert_array_equal(one.save()["light"], other.save()["light"])
+
+
 @pytest.mark.parametrize(
     "damage",
     [

@@ -195,6 +195,7 @@ void IrradianceCache::begin_pass(Pass pass) {
   view_.pass = pass;
   // what another pass has marked
   forget_cells();
+  refresh_view();
 }
 
 // The workers' cells hold while no node goes and the tick lasts, in which reading a node marks it.
@@ -234,7 +235,7 @@ void IrradianceCache::refresh_view() {
   view_.mask = static_cast<uint32_t>(slots_.size() - 1);
   view_.light = light_.data();
   view_.used = used_.data();
-  view_.readers = swept();
+  view_.readers = swept() && view_.pass == ALL_PIXELS;
   view_.spacing = std::ldexp(spacing_, coarser_);
   view_.lamp_x = lamp_x_;
   view_.lamp_y = lamp_y_;
@@ -469,7 +470,6 @@ void IrradianceCache::take_readers() {
     }
     w.readers.clear();
   }
-  view_.readers = false;
 }
 
 bool IrradianceCache::collect(int worker) {
