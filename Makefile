@@ -1,6 +1,6 @@
 # The commands of this project. Any make will do; `make` alone lists them.
 .POSIX:
-.PHONY: help demo test check bench docs dev stubs format sanitize versions wheel clean
+.PHONY: help demo test check bench docs dev stubs format sanitize versions wheel wheels clean
 
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
@@ -15,7 +15,7 @@ test:
 	@sh .ci/setup.sh
 	@sh .ci/tests.sh "not slow and not statistical and not extremes and not integration and not bench"
 
-# make check     format, lint, types, sanitisers, versions, then every test but the timings: what CI runs
+# make check     format, lint, types, sanitisers, versions, a wheel, then every test but the timings: CI
 check:
 	@sh .ci/check.sh
 
@@ -53,10 +53,14 @@ versions:
 	@sh .ci/setup.sh
 	@sh .ci/versions.sh
 
-# make wheel     dist/evs-*.whl
+# make wheel     dist/evs-*.whl for this machine's Python and glibc
 wheel:
 	@sh .ci/setup.sh
 	.venv/bin/python -m pip wheel -q --disable-pip-version-check --no-deps --no-build-isolation -w dist .
+
+# make wheels    those of a release: for every Python and old systems, x86-64 and 64-bit ARM, checked
+wheels:
+	@sh .ci/wheels.sh
 
 # make clean     remove everything that these commands made
 clean:

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Everything that a change has to pass: format, lint, types, sanitisers, versions, then every test but
-# the timings. Ends with what each stage took. Run by `make check`; stops at the first stage that fails.
+# Everything that a change has to pass: format, lint, types, sanitisers, versions, a wheel, then every
+# test but the timings. Ends with what each stage took. Run by `make check`; stops at the first stage that fails.
 set -eu
 cd "$(dirname "$0")/.."
 began=$(date +%s)
@@ -45,6 +45,7 @@ stage "format and lint" format
 stage "types" types
 stage "sanitisers" sh .ci/sanitize.sh
 stage "versions of MuJoCo and NumPy" sh .ci/versions.sh
+stage "wheel" sh .ci/wheels.sh one
 stage "documentation" sh .ci/docs.sh
 stage "tests" sh .ci/tests.sh "not bench"
 report "clean"

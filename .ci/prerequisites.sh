@@ -28,7 +28,8 @@ fi
 "$fit" -c 'import venv, ensurepip' 2>/dev/null ||
     missing "the venv module of $fit is missing; on Debian: apt install python3-venv"
 
-# a compiler that says it knows C++20, and can link
+# a compiler that says it knows C++20, has the vectors that the core is written with (g++ 11 lacks
+# __builtin_shufflevector), and can link; emulator/core/linking/toolchain.cmake asks the same of `pip install`
 compiler=
 for candidate in ${CXX:-c++ g++ clang++}; do
     if command -v "$candidate" >/dev/null 2>&1; then
@@ -46,9 +47,11 @@ cat >"$trial/trial.cpp" <<'END'
 #endif
 #include <bit>
 #include <vector>
+using Four = float __attribute__((vector_size(16)));
+Four both(Four a, Four b) { return __builtin_shufflevector(a, b, 0, 4, 1, 5); }
 int main() { return std::vector<unsigned>(1, std::bit_width(1u)).size() != 1; }
 END
 "$compiler" -std=c++20 -o "$trial/trial" "$trial/trial.cpp" >/dev/null 2>&1 ||
-    missing "$compiler cannot build C++20 ($("$compiler" --version 2>&1 | head -n 1)), g++ 12 or newer is needed; on Debian 12: apt install g++"
+    missing "$compiler cannot build evs ($("$compiler" --version 2>&1 | head -n 1)), g++ 12 or newer is needed; on Debian and Ubuntu: apt install g++-12, then set CXX=g++-12"
 
 echo "$fit"

@@ -88,19 +88,25 @@ packages=$!
 trap 'kill "$packages" 2>/dev/null || true' EXIT
 trap 'exit 130' INT TERM
 
-# the native core: configured once, and again for every instruction set when the demo had one only
+# the native core: configured once, and again for every instruction set when the demo had one only, or
+# for errors in place of warnings, which `make check` asks for
 configure() {
     # shellcheck disable=SC2086 # headers is a list of arguments
     .venv/bin/cmake -S emulator/core -B build/native -G Ninja --log-level=WARNING \
         -DCMAKE_MAKE_PROGRAM="$checkout/.venv/bin/ninja" -DPython_EXECUTABLE="$checkout/$python" \
         -DEVS_FARM="$checkout/build/ns" "$@" >/dev/null
 }
+strict=OFF
+[ "$level" != dev ] || strict=ON
 if [ ! -f build/native/build.ninja ]; then
     say "building the native core; packages are installed meanwhile (build/packages.log)"
     isa=all
     [ "$level" != demo ] || isa=native
     # shellcheck disable=SC2086
-    configure -DEVS_ISA=$isa $headers
+    configure -DEVS_ISA=$isa -DEVS_WERROR=$strict $headers
+elif [ "$strict" = ON ] && grep -q '^EVS_WERROR:BOOL=OFF' build/native/CMakeCache.txt; then
+    say "building the native core with warnings as errors"
+    configure -DEVS_ISA=all -DEVS_WERROR=ON
 elif [ "$level" != demo ] && grep -q '^EVS_ISA:STRING=native' build/native/CMakeCache.txt; then
     say "building the native core for the other instruction sets too"
     configure -DEVS_ISA=all

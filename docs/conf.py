@@ -20,6 +20,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
     "generated",
+    "notebooks",
 ]
 exclude_patterns = ["_ext", "measured"]
 

@@ -8,12 +8,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from evs.drivers.run import driver_parameters
 from evs.emulator.base.protocols import Meter, NoMeter
 from evs.emulator.base.scene import F32, GroundTruth
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pace, Pose, StreamInfo, TriggerPacket
+
+if TYPE_CHECKING:
+    from evs.drivers.run.sensor_control import SensorControl
 
 
 class SinkStoppedError(EvsError):
@@ -55,6 +58,10 @@ class Sink(ABC):
     meter: Meter = NoMeter()
     """Set by the run before `open`. A sink laps "pack" once a packet is bytes, to tell packing from
     writing; the rest of its time counts as "sink"."""
+
+    sensors: SensorControl | None = None
+    """Set by the run before `open`: the parameters of its sensors that a client of this sink may
+    change. None: it takes no changes, as where the sink has a process of its own."""
 
     @property
     def stop_wanted(self) -> bool:
@@ -162,7 +169,14 @@ SINK_TYPES = {
         ("compression", "wait_for", "wait_s", "queue", "insecure"),
         place="address",
     ),
-    "rerun": SinkType("evs.drivers.viewer:ViewSink", ("period_us",), place="rrd"),
+    "rerun": SinkType("evs.drivers.viewer:ViewSink", ("period_us", "points"), place="rrd"),
+    "foxglove": SinkType(
+        "evs.drivers.viewer:FoxgloveSink",
+        (
+            *("address", "mcap", "period_us", "encoding", "queue"),
+            *("wait_for", "wait_s", "insecure"),
+        ),
+    ),
     "ros2": SinkType("evs.drivers.ros2:Ros2Publisher", driver_parameters.KEYS),
 }
 """sink type -> how it is made; recordings have their own table (drivers/files/formats.py)"""

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from evs.emulator.base.registry import load
+from evs.msgs.registry import load
 
 if TYPE_CHECKING:
     from evs.emulator.camera.camera import Camera

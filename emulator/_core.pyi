@@ -450,11 +450,11 @@ class PixelArray:
             isa: An instruction set of isa_available(), or auto.
         """
 
-    def step(self, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], t_begin_us: int, clock_us: int, tick_us: int, ticks: int, *, reference: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu')], last_log: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], last_luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], filtered: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, followed: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, blind_until: Annotated[NDArray[numpy.int64], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise_budget: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise_mean: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise_memory: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, mean: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, drift: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, due_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, since_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, shot_next: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, shot_count: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, row_reads: Annotated[NDArray[numpy.int32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None) -> tuple:
+    def step(self, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], t_begin_us: int, clock_us: int, tick_us: int, ticks: int, *, reference: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu')], last_log: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], last_luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], filtered: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, followed: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, blind_until: Annotated[NDArray[numpy.int64], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise_budget: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise_mean: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise_memory: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, mean: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, drift: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, due_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, since_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, shot_next: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, shot_count: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, row_reads: Annotated[NDArray[numpy.int32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, all_due: bool = False) -> tuple:
         """
         Step all pixels by one tick.
 
-        The keyword arguments but row_reads are the state and are modified in place.
+        The keyword arguments but the last two are the state and are modified in place.
 
         Args:
             luminance: (h, w) float32.
@@ -464,10 +464,22 @@ class PixelArray:
             ticks: The number of ticks so far.
             row_reads: (n, 2) int32, rows of a frame that are read and when, us after the
                 start of the tick, by time; None for none.
+            all_due: Whether to skip no block, as after a change of the settings.
 
         Returns:
             The event bytes, (16 n,) uint8, and the number of pixels with unusable
             luminance.
+        """
+
+    def settle(self, clock_us: int, *, reference: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu')], last_luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], due_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, since_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, filtered: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, followed: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise_budget: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu')] | None = None, mean: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None) -> None:
+        """
+        Account for the leak and the noise of the ticks in which blocks were skipped, so
+        that other settings may take the state over.
+
+        Args:
+            clock_us: The sensor's clock.
+            reference, last_luminance, due_us, since_us, filtered, followed,
+                noise_budget, mean: The state, modified in place.
         """
 
 def natural_log(values: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:

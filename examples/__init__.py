@@ -2,5 +2,6 @@
 
 cartpole is the shortest, goalie and pencil compare events with frames. Each folder has
 environment.py (the scene, its starts and pushes), tracker code (events to a state), controller.py
-(observations to controls) and gif.py (a film of it). common holds what they share.
+(observations to controls) and gif.py (a film of it). common holds what they share. studio is a
+plugin for the viewer of MuJoCo 4.
 """

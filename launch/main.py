@@ -17,36 +17,71 @@ from evs import __version__
 from evs.emulator.base.memory_limits import address_space_left
 from evs.msgs import EvsError, nearest_first, unknown
 
-COMMANDS = {
-    "demo": "evs.launch.commands.demo",
-    "emulate": "evs.launch.commands.emulate",
-    "plan": "evs.launch.commands.plan",
-    "render": "evs.launch.commands.render",
-    "sensors": "evs.launch.commands.sensors",
-    "view": "evs.launch.commands.view",
-    "echo": "evs.launch.commands.echo",
-    "record": "evs.launch.commands.record",
-    "topics": "evs.launch.commands.topics",
-    "launch": "evs.launch.commands.launch",
-    "loop": "evs.launch.commands.loop",
-    "play": "evs.launch.commands.play",
-    "info": "evs.launch.commands.info",
-    "keygen": "evs.launch.commands.keygen",
-    "convert": "evs.launch.commands.convert",
-    "characterise": "evs.launch.commands.characterise",
-    "fit": "evs.launch.commands.fit",
-    "evaluate": "evs.launch.commands.evaluate",
-    "sweep": "evs.launch.commands.sweep",
-    "tune": "evs.launch.commands.tune",
-    "train": "evs.launch.commands.train",
-    "dataset": "evs.launch.commands.dataset",
-    "doctor": "evs.launch.commands.doctor",
+GROUPS = {
+    "Run a camera": {
+        "demo": "the main job: a robot, its events sent to a second process, recorded and drawn",
+        "emulate": "run a scene through the event camera: publish it, record it",
+        "launch": "run cameras, recorders, viewers and controllers together, from one file",
+        "loop": "closed-loop examples: balance a pencil, keep a goal, by event cameras",
+    },
+    "See what it would do": {
+        "plan": (
+            "what a scene requires: code paths that are on, or off and why, and the cost of a tick"
+        ),
+        "render": (
+            "luminance, colour, depth, normals, ids and optical flow of a scene, into one .npz file"
+        ),
+        "sensors": "list the sensors, or every parameter of one and its source",
+    },
+    "Watch a running camera": {
+        "echo": "show what a camera publishes: its packets, their rate or their bandwidth",
+        "topics": "list what a camera publishes, by its control port, or stop it",
+        "record": "record what a camera publishes: events, frames and IMU",
+    },
+    "Recordings": {
+        "view": (
+            "a recording as a picture or a film (.png, .gif, .mp4); --live: what a camera publishes"
+        ),
+        "info": "describe a recording and whether it is complete; --repair cuts a torn tail",
+        "convert": (
+            "write a recording in another format, or turn a film or a folder of frames into events"
+        ),
+        "play": "publish a recording on the bus, as the camera did",
+    },
+    "Measure and choose": {
+        "evaluate": ("measure event models (error, recall, timing, cost) against converged light"),
+        "sweep": "measure speed against error, around each preset, beside frame-based ways",
+        "tune": (
+            "find the pipeline for a scene that reaches a speed, or keeps an error, and write it"
+        ),
+        "characterise": (
+            "measure a virtual sensor: thresholds, latency, bandwidth, noise, range, peak rate"
+        ),
+        "fit": "fit a sensor file to recordings of your own camera",
+    },
+    "Data and training": {
+        "dataset": (
+            "a data set of scenes: events, RGB, depth, flow, segmentation, IMU, poses, causes"
+        ),
+        "train": "train the network: `data` makes scenes and their light, `fit` learns from them",
+    },
+    "Set up": {
+        "doctor": "is this machine fit: packages, processor, a trial run, and the extremes",
+        "keygen": "make a pair of keys, which protect a camera on the network",
+        "schema": (
+            "print the JSON Schema of pipelines, with which an editor completes and checks them"
+        ),
+        "completion": "print the lines that make bash, zsh or fish complete the commands of evs",
+    },
 }
-"""Command -> module. To add a command, write a module in launch/commands and list it here.
+"""Heading -> command -> what it does, in one line.
 
-A module has HELP (one line), configure(parser), which adds the arguments, and run(args), which
-returns the exit code. SUBCOMMANDS = True: the first word is a command of its own. What several
-commands share is in launch/support."""
+A command is the module of its name in launch/commands; to add one, write it and list it here. The
+module has configure(parser), which adds the arguments, and run(args), which returns the exit code.
+SUBCOMMANDS = True: the first word is a command of its own. What several commands share is in
+launch/support."""
+
+COMMANDS = {name: what for group in GROUPS.values() for name, what in group.items()}
 
 ABOUT = """evs: an event camera for MuJoCo scenes.
 
@@ -94,6 +129,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # `2>&-`: the next file that is opened must not receive messages
         sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115 - as long as the process
     try:
+        if "_ARGCOMPLETE" in os.environ and arguments is None:
+            from evs.launch.support.completion import complete
+
+            complete(COMMANDS, lambda name: _parser(name, module_of(name)))
         if sys.stdout is None:
             raise EvsError("standard output is closed (>&-): give it a place, as in >/dev/null")
         with warnings.catch_warnings():
@@ -155,13 +194,18 @@ def _dispatch(words: list[str]) -> int:
         kind = "option" if name.startswith("-") else "command"
         raise EvsError(f"{unknown(kind, name, COMMANDS)} (try: evs --help)")
     _check_room()
-    module = importlib.import_module(COMMANDS[name])
+    module = module_of(name)
     parser = _parser(name, module)
     # argparse cannot mix options with the arguments of commands that have commands of their own
     mixed = not getattr(module, "SUBCOMMANDS", False)
     parsed = (parser.parse_intermixed_args if mixed else parser.parse_args)(words[1:])
     code = module.run(parsed)
     return 0 if code is None else int(code)
+
+
+def module_of(name: str) -> ModuleType:
+    """The module of a command."""
+    return importlib.import_module(f"evs.launch.commands.{name}")
 
 
 def _check_room() -> None:
@@ -176,7 +220,7 @@ def _check_room() -> None:
 def _parser(name: str, module: ModuleType) -> Parser:
     parser = Parser(
         prog=f"evs {name}",
-        description=module.HELP,
+        description=COMMANDS[name],
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
@@ -185,9 +229,9 @@ def _parser(name: str, module: ModuleType) -> Parser:
 
 
 def _help() -> str:
-    lines = [ABOUT, "", "Usage: evs COMMAND [arguments]", "", "Commands:"]
-    for name, where in COMMANDS.items():
-        lines.append(f"  {name:14s}{importlib.import_module(where).HELP}")
+    lines = [ABOUT, "", "Usage: evs COMMAND [arguments]"]
+    for heading, group in GROUPS.items():
+        lines += ["", f"{heading}:", *(f"  {name:14s}{what}" for name, what in group.items())]
     return "\n".join([*lines, "", EXAMPLES])
 
 

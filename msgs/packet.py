@@ -62,6 +62,16 @@ class EventPacket:
         size = f"{self.width} x {self.height}"
         return f"<EventPacket {self.seq} of '{self.camera}', {size}: {len(self)} events, {when}>"
 
+    def _repr_html_(self) -> str:
+        from evs.msgs.pictures import event_facts, event_frame, html_card
+
+        interval = f"{self.time_base_us:,} to {self.time_end_us:,} us"
+        facts = {"size": f"{self.width} x {self.height} px", "interval": interval}
+        picture = event_frame(self.events, self.width, self.height)
+        return html_card(
+            f"EventPacket {self.seq} of {self.camera}", facts | event_facts(self.events), picture
+        )
+
 
 def encode(packet: EventPacket, quick: QuickCheck | None = None) -> tuple[bytes, memoryview]:
     """Encode a packet.

@@ -40,12 +40,13 @@ EVENTS = Topic("events", "EventPacket", "one a tick and camera", 1000, _COUNTED)
 FRAMES = Topic("frames", "Frame", "as sensor.aps says", 1000, _COUNTED)
 IMU = Topic("imu", "ImuPacket", "as sensor.imu says, one a tick at most", 1000, _COUNTED)
 POSE = Topic("pose", "Pose", "one a tick", 1000, _COUNTED)
+LIGHT = Topic("light", "Frame", "25 Hz of the wall clock at most", 1000, "newest")
 TRUTH = Topic("ground_truth", "Truth", "as truth_hz says", 1000, _COUNTED)
 CAMERA_INFO = Topic("camera_info", "CameraInfo", "with each status", 1000, "newest; it repeats")
 CLOCK = Topic("clock", "Clock", "one a tick", 1000, "newest; it repeats", per_camera=False)
 STATUS = Topic("status", "Status", "10 Hz of simulated time, and at the end", 1000, "newest")
 
-TOPICS = (EVENTS, FRAMES, IMU, POSE, TRUTH, CAMERA_INFO, CLOCK, STATUS)
+TOPICS = (EVENTS, FRAMES, IMU, POSE, LIGHT, TRUTH, CAMERA_INFO, CLOCK, STATUS)
 """Every topic of the bus."""
 
 STATE_PREFIX = b"state/"

@@ -6,7 +6,6 @@ A page holds a line `<!-- generated: NAME -->`, and the text takes its place whe
 from __future__ import annotations
 
 import argparse
-import importlib
 import re
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
@@ -31,9 +30,8 @@ def escaped(text: str) -> str:
 
 def parsers() -> Iterator[tuple[str, argparse.ArgumentParser]]:
     """(words, parser) of every command, in the order of `evs --help`; subcommands behind theirs."""
-    for name, where in main.COMMANDS.items():
-        module = importlib.import_module(where)
-        parser = main._parser(name, module)
+    for name in main.COMMANDS:
+        parser = main._parser(name, main.module_of(name))
         yield f"evs {name}", parser
         for action in parser._actions:
             if isinstance(action, argparse._SubParsersAction):

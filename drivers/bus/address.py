@@ -41,17 +41,37 @@ def bindable(address: str, open_to_others: bool = False, *, does: str = "publish
     host, port = _parts(address)
     if host == "localhost":
         host = "127.0.0.1"
-    try:
-        local = ipaddress.ip_address(host.strip("[]")).is_loopback
-    except ValueError:
-        local = False
-    if not (local or open_to_others):
+    if not (_is_loopback(host.strip("[]")) or open_to_others):
         raise EvsError(
             f"cannot {does} on '{address}': only this machine's own address is safe without keys; "
             f"use tcp://127.0.0.1:{port}, and from another machine ssh -L {port}:127.0.0.1:{port}; "
             "or give it a key (evs keygen makes one), or insecure=true if anybody may listen"
         )
     return f"tcp://{host}:{'0' if port == '*' else port}"
+
+
+def plain_tcp(address: str, insecure: bool, protocol: str) -> tuple[str, int]:
+    """Return host and port to bind for a protocol without keys.
+
+    Args:
+        address: tcp://HOST:PORT, port 0 or * for any free one.
+        insecure: Whether other machines may connect.
+        protocol: Its name, for errors.
+
+    Raises:
+        EvsError: It has another form, or other machines could reach it and may not.
+    """
+    bound = bindable(address, True)
+    if is_ipc(bound):
+        raise EvsError(f"{protocol} needs an address of the form tcp://HOST:PORT, not '{address}'")
+    host, _, port = bound.removeprefix("tcp://").rpartition(":")
+    host = host.strip("[]")
+    if not (_is_loopback(host) or insecure):
+        raise EvsError(
+            f"cannot serve {protocol} on '{address}': its protocol has no keys, whoever reaches "
+            f"the port sees what the camera sees; use tcp://127.0.0.1:{port}, or insecure=true"
+        )
+    return host, int(port)
 
 
 def connectable(address: str) -> str:
@@ -133,6 +153,13 @@ def _parts(address: str) -> tuple[str, str]:
     if port != "*" and int(port) > 65535:
         raise EvsError(f"address '{address}' has port {port}: ports end at 65535")
     return host, port if port == "*" else str(int(port))
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def free_address() -> str:

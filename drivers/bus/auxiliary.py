@@ -11,6 +11,7 @@ from evs.msgs import (
     CLOCK,
     FRAMES,
     IMU,
+    LIGHT,
     POSE,
     TRUTH,
     CameraInfo,
@@ -20,6 +21,7 @@ from evs.msgs import (
     MessageError,
     Pose,
     Status,
+    Topic,
     Truth,
     decode_camera_info,
     decode_clock,
@@ -32,10 +34,10 @@ from evs.msgs.status import MAX_CAMERAS
 
 Counted = Frame | ImuPacket | Pose | Truth
 M = TypeVar("M", Frame, ImuPacket, Pose, Truth)
-
 _WITH_RAW: dict[str, Callable[[bytes, bytes], Frame | ImuPacket | Truth]] = {
     FRAMES.name: decode_frame,
     IMU.name: decode_imu,
+    LIGHT.name: decode_frame,
     TRUTH.name: decode_truth,
 }
 """topic -> decoder of messages of three parts"""
@@ -54,7 +56,7 @@ class AuxiliaryMessages:
         """(topic, camera) -> what was lost"""
         self.clock: Clock | None = None
         self.infos: dict[str, CameraInfo] = {}
-        self._coming: list[tuple[Counted, int]] = []
+        self._coming: list[tuple[str, Counted, int]] = []
         self._bytes = 0
 
     def take(self, kind: str, camera: str, parts: list[Any]) -> bool:
@@ -82,9 +84,9 @@ class AuxiliaryMessages:
             if gaps is not None:
                 gaps.on_last(seq)
 
-    def hand_out(self) -> list[Counted]:
-        """Return what came since the last call."""
-        handed = [message for message, _ in self._coming]
+    def hand_out(self) -> list[tuple[str, Counted]]:
+        """Return what came since the last call, each with the name of its topic."""
+        handed = [(kind, message) for kind, message, _ in self._coming]
         self._coming.clear()
         self._bytes = 0
         return handed
@@ -102,10 +104,10 @@ class AuxiliaryMessages:
         if (kind, camera) not in self.gaps and len(self.gaps) >= MAX_CAMERAS * len(_WITH_RAW):
             raise MessageError(f"more than {MAX_CAMERAS} cameras on one bus")
         self.gaps.setdefault((kind, camera), Gaps()).on_message(message.seq)
-        self._coming.append((message, size))
+        self._coming.append((kind, message, size))
         self._bytes += size
         while len(self._coming) > _MOST_COMING or self._bytes > _MOST_COMING_BYTES:
-            self._bytes -= self._coming.pop(0)[1]
+            self._bytes -= self._coming.pop(0)[2]
 
     @staticmethod
     def _check(topic_camera: str, camera: str) -> None:
@@ -113,6 +115,6 @@ class AuxiliaryMessages:
             raise MessageError(f"a message of camera {camera!r} under the topic of another")
 
 
-def of_kind(messages: list[Counted], kind: type[M]) -> tuple[M, ...]:
-    """Return the messages of one kind, in their order."""
-    return tuple(one for one in messages if isinstance(one, kind))
+def of_topic(messages: list[tuple[str, Counted]], topic: Topic, kind: type[M]) -> tuple[M, ...]:
+    """Return the messages of one topic, whose messages are of this kind, in their order."""
+    return tuple(m for name, m in messages if name == topic.name and isinstance(m, kind))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -49,6 +50,12 @@ class Channel:
     pace: Pace | None = None
     """of the run"""
     imu: ImuPacket | None = None
+    light_seq: int = -1
+    """seq of the last picture of the light"""
+    light_due_s: float = 0.0
+    """when the next one is due at the earliest, by the wall clock"""
+    exposure: float = math.inf
+    """of these pictures"""
 
     def status(self, cameras: tuple[str, ...], *, end: bool) -> Status:
         """Return its totals now."""

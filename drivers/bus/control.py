@@ -8,7 +8,7 @@ thread that publishes polls it; it never waits.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,12 +41,15 @@ Answer = dict[str, Any]
 class Control:
     """Answers requests by a table of functions."""
 
-    def __init__(self, server: Socket, requests: dict[str, Callable[[], Answer]]) -> None:
+    def __init__(
+        self, server: Socket, requests: dict[str, Callable[[dict[str, Any]], Answer]]
+    ) -> None:
         """Serve a socket.
 
         Args:
             server: A bound ROUTER.
-            requests: Name of a request -> function that returns its answer, or raises EvsError.
+            requests: Name of a request -> function of the request's map that returns its answer, or
+                raises EvsError.
         """
         self.answered = 0
         """Number of requests, refused ones too."""
@@ -71,12 +74,13 @@ class Control:
             self._server.send_multipart([*envelope, answer], zmq.NOBLOCK)
 
     def _answer(self, request: bytes) -> Answer:
-        name = unpackb(request, MAX_REQUEST_BYTES).get("request")
+        fields = unpackb(request, MAX_REQUEST_BYTES)
+        name = fields.get("request")
         if not isinstance(name, str):
             raise MessageError(f"field 'request' is {shown(name)}, not a name")
         if name not in self._requests:
             raise unknown("request", name[:60], self._requests)
-        return self._requests[name]()
+        return self._requests[name](fields)
 
 
 _WILDCARDS = ("0.0.0.0", "[::]", "*")
@@ -129,13 +133,20 @@ def discover(
 
 
 def request(
-    control: str, name: str, *, timeout_s: float = 5.0, server_key: str = "", key: str = ""
+    control: str,
+    name: str,
+    arguments: Mapping[str, object] | None = None,
+    *,
+    timeout_s: float = 5.0,
+    server_key: str = "",
+    key: str = "",
 ) -> dict[str, Any]:
     """Send one request to a control port.
 
     Args:
         control: The control port, tcp://HOST:PORT or ipc:///PATH.
-        name: describe, status, camera_info or stop.
+        name: describe, status, camera_info, parameters, set or stop.
+        arguments: Of the request: `set` takes camera, a name, and values, key -> value.
         timeout_s: How long to wait for the answer, s.
         server_key: As of `subscribe`.
         key: As of `subscribe`.
@@ -151,7 +162,7 @@ def request(
     if key and not server_key:
         raise EvsError("key needs server_key: give the publisher's public key")
     address = connectable(control)
-    message = packb({"request": name})
+    message = packb({**(arguments or {}), "request": name})
     with Context() as context, context.socket(zmq.REQ) as client:
         client.set(zmq.LINGER, 0)
         client.set(zmq.MAXMSGSIZE, MAX_ANSWER_BYTES)

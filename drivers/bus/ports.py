@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import zmq
 
@@ -20,7 +20,11 @@ from evs.drivers.bus.control import (
 from evs.drivers.bus.keys import Keys, ZapAuthenticator, guard, read_allowed, read_secret
 from evs.drivers.bus.latest import Watchers, conflated
 from evs.drivers.bus.sockets import Context, Socket, serve_anybody
-from evs.msgs import DEFAULT_ADDRESS, TOPICS, EvsError, encode_state
+from evs.msgs import DEFAULT_ADDRESS, TOPICS, EvsError, MessageError, encode_state
+from evs.msgs.header_fields import shown
+
+if TYPE_CHECKING:
+    from evs.drivers.run.sensor_control import SensorControl
 
 _ANSWERS = 16
 """Answers held for a client that does not take them."""
@@ -69,6 +73,7 @@ class Ports:
         self._latest: Socket | None = None
         self._watchers: Watchers | None = None
         self._audience = Audience({})
+        self._sensors: SensorControl | None = None
         self._address = ""
         self._counts = {"requests_answered": 0, "states_sent": 0}
 
@@ -111,13 +116,15 @@ class Ports:
             self._poller.register(server, zmq.POLLIN)
         return bytes(server.get(zmq.LAST_ENDPOINT)).rstrip(b"\0").decode()
 
-    def open(self, audience: Audience, address: str) -> None:
+    def open(self, audience: Audience, address: str, sensors: SensorControl | None = None) -> None:
         """Open the configured ports.
 
         Args:
             audience: Cameras and subscribers of the publisher.
             address: Where the packets are published.
+            sensors: What `set` changes; None: nothing.
         """
+        self._sensors = sensors
         self._audience, self._address, self.stop_wanted = audience, address, False
         if self.latest_address:
             self._latest = self.make(zmq.PUB, self.latest_address)
@@ -129,10 +136,12 @@ class Ports:
             server.set(zmq.SNDHWM, _ANSWERS)
             self.control_address = self.bind(server, self.control_address)
             requests = {
-                "describe": self._describe,
-                "status": self._status,
-                "camera_info": self._camera_info,
-                "stop": self._stop,
+                "describe": lambda _: self._describe(),
+                "status": lambda _: self._status(),
+                "camera_info": lambda _: self._camera_info(),
+                "parameters": lambda _: {"cameras": self._changeable().parameters()},
+                "set": self._set,
+                "stop": lambda _: self._stop(),
             }
             self._control = Control(server, requests)
 
@@ -204,6 +213,24 @@ class Ports:
         infos = (channel.info for channel in self._audience.channels.values())
         found = [asdict(info) for info in infos if info is not None]
         return {"cameras": [{k: _plain(v) for k, v in info.items()} for info in found]}
+
+    def _changeable(self) -> SensorControl:
+        if self._sensors is None:
+            raise EvsError(
+                "the sensors of this publisher cannot be changed: it has a process of its own "
+                "(worker), or plays a recording"
+            )
+        return self._sensors
+
+    def _set(self, fields: dict[str, Any]) -> Answer:
+        camera, values = fields.get("camera", ""), fields.get("values")
+        if not isinstance(camera, str):
+            raise MessageError(f"field 'camera' is {shown(camera)}, not a name")
+        if not isinstance(values, dict) or not values:
+            raise MessageError(f"field 'values' is {shown(values)}, not a map of parameters")
+        sensors = self._changeable()
+        sensors.set(camera, values)
+        return {"cameras": sensors.parameters()}
 
     def _stop(self) -> Answer:
         self.stop_wanted = True

@@ -14,7 +14,7 @@ from evs.drivers.bus.ports import Ports, ServerKeys
 from evs.drivers.bus.sockets import Socket, quick_check, readable, receive_parts, send_parts
 from evs.drivers.clock import monotonic_s
 from evs.drivers.sink import Sink, Stream
-from evs.emulator.base.scene import GroundTruth
+from evs.emulator.base.scene import F32, GroundTruth
 from evs.msgs import (
     CAMERA_INFO,
     CLOCK,
@@ -22,6 +22,7 @@ from evs.msgs import (
     EVENTS,
     FRAMES,
     IMU,
+    LIGHT,
     POSE,
     STATUS,
     TRUTH,
@@ -47,10 +48,14 @@ from evs.msgs import (
     unknown,
 )
 from evs.msgs.packet import MAX_FRAME_BYTES
+from evs.msgs.pictures import exposure_for, to_srgb8
 from evs.msgs.status import STATUS_PERIOD_US
 
 LINGER_S = 2.0
 """How long a closing publisher waits for its subscribers to learn that it ends."""
+
+LIGHT_PERIOD_S = 0.04
+"""Shortest time between two pictures of the light, of the wall clock: they are for people."""
 
 TRUTH_HZ = 10.0
 """Ground truth per second of simulated time: each costs a frame to trace."""
@@ -72,7 +77,7 @@ class Publisher(Sink):
     streams = frozenset(
         {
             *(Stream.EVENTS, Stream.FRAMES, Stream.IMU),
-            *(Stream.POSE, Stream.GROUND_TRUTH, Stream.PACE),
+            *(Stream.POSE, Stream.GROUND_TRUTH, Stream.LIGHT, Stream.PACE),
         }
     )
 
@@ -176,7 +181,7 @@ class Publisher(Sink):
             server.set(zmq.MAXMSGSIZE, _REQUEST_BYTES)
             server.set(zmq.IPV6, int(is_ipv6(self._wanted_address)))
             self._address = self._ports.bind(server, self._wanted_address)
-            self._ports.open(self._audience, self._address)
+            self._ports.open(self._audience, self._address, self.sensors)
             self._await_subscribers(server)
         except BaseException:
             self._release()
@@ -263,6 +268,24 @@ class Publisher(Sink):
         header, raw = encode_truth(Truth(seq, truth.t_us, channels, camera))
         if raw.nbytes <= MAX_FRAME_BYTES:
             self._send(server, channel, TRUTH, header, raw)
+
+    def wants_light(self, camera: str, t_us: int) -> bool:  # noqa: ARG002
+        """Return whether somebody subscribes to the light, and a picture of it is due."""
+        channel = self._audience.channels[camera]
+        return channel.listeners[LIGHT] > 0 and monotonic_s() >= channel.light_due_s
+
+    def write_light(self, camera: str, t_us: int, luminance: F32) -> None:
+        """Send the light as a picture to whoever subscribes to it. Raises EvsError as write.
+
+        One exposure holds for a camera, that of the brightest picture so far.
+        """
+        server, channel = self._channel(camera)
+        channel.light_due_s = monotonic_s() + LIGHT_PERIOD_S
+        channel.exposure = min(channel.exposure, exposure_for(luminance))
+        seq = channel.light_seq = channel.light_seq + 1
+        picture = Frame(seq, t_us, t_us, t_us, t_us, to_srgb8(luminance, channel.exposure), camera)
+        if picture.pixels.nbytes <= MAX_FRAME_BYTES:
+            self._send(server, channel, LIGHT, *encode_frame(picture))
 
     def _channel(self, camera: str) -> tuple[Socket, Channel]:
         """The socket, with all requests read, and the channel of a camera."""

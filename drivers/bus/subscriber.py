@@ -9,7 +9,7 @@ from typing import Any
 
 import zmq
 
-from evs.drivers.bus.auxiliary import AuxiliaryMessages, of_kind
+from evs.drivers.bus.auxiliary import AuxiliaryMessages, of_topic
 from evs.drivers.bus.listener import Listener
 from evs.drivers.bus.losses import Gaps, Tally
 from evs.drivers.bus.sockets import quick_check, readable, receive_parts
@@ -20,6 +20,7 @@ from evs.msgs import (
     EVENTS,
     FRAMES,
     IMU,
+    LIGHT,
     POSE,
     STATUS,
     TRUTH,
@@ -56,6 +57,7 @@ def subscribe(
     frames: bool = False,
     imu: bool = False,
     poses: bool = False,
+    lights: bool = False,
     truths: bool = False,
     camera_info: bool = False,
     clock: bool = False,
@@ -65,8 +67,9 @@ def subscribe(
     """Subscribe to a publisher, which may start later.
 
     Iterate the result for EventPackets; iteration ends with the publisher's end status, or when
-    nothing came for `timeout_s`. The result's attributes `frames`, `imu`, `poses` and `truths` hold
-    the messages of these topics that came with a packet, `camera_info` and `clock` the newest ones.
+    nothing came for `timeout_s`. The result's attributes `frames`, `imu`, `poses`, `lights` and
+    `truths` hold the messages of these topics that came with a packet, `camera_info` and `clock`
+    the newest ones.
 
     Args:
         address: Of the publisher, tcp://HOST:PORT or ipc:///PATH.
@@ -76,6 +79,7 @@ def subscribe(
         frames: Whether to receive intensity frames.
         imu: Whether to receive IMU samples.
         poses: Whether to receive poses.
+        lights: Whether to receive pictures of the light.
         truths: Whether to receive ground truth.
         camera_info: Whether to receive calibrations.
         clock: Whether to receive simulated time.
@@ -97,6 +101,7 @@ def subscribe(
         frames=frames,
         imu=imu,
         poses=poses,
+        lights=lights,
         truths=truths,
         camera_info=camera_info,
         clock=clock,
@@ -122,6 +127,7 @@ class Subscription(Listener):
         frames: bool = False,
         imu: bool = False,
         poses: bool = False,
+        lights: bool = False,
         truths: bool = False,
         camera_info: bool = False,
         clock: bool = False,
@@ -151,6 +157,8 @@ class Subscription(Listener):
         """IMU packets that came between the last packet received and the one before."""
         self.poses: tuple[Pose, ...] = ()
         """Poses that came between the last packet received and the one before."""
+        self.lights: tuple[Frame, ...] = ()
+        """Pictures of the light that came between the last packet received and the one before."""
         self.truths: tuple[Truth, ...] = ()
         """Ground truth that came between the last packet received and the one before."""
         self._auxiliary = AuxiliaryMessages()
@@ -158,7 +166,8 @@ class Subscription(Listener):
         self._cameras: tuple[str, ...] = (camera,) if camera else ()
         self._end_announced_s: float | None = None
         self._ended = False
-        requested = {FRAMES: frames, IMU: imu, POSE: poses, TRUTH: truths}
+        requested = {FRAMES: frames, IMU: imu, POSE: poses}
+        requested |= {LIGHT: lights, TRUTH: truths}
         requested |= {CAMERA_INFO: camera_info, CLOCK: clock}
         wanted = [EVENTS, *(topic for topic, yes in requested.items() if yes), STATUS]
         topics = [topic.of(camera) for topic in wanted]
@@ -230,10 +239,11 @@ class Subscription(Listener):
     def _hand_out(self) -> None:
         came = self._auxiliary.hand_out()
         if not came:
-            self.frames, self.imu, self.poses, self.truths = (), (), (), ()
+            self.frames, self.imu, self.poses, self.lights, self.truths = (), (), (), (), ()
             return
-        self.frames, self.imu = of_kind(came, Frame), of_kind(came, ImuPacket)
-        self.poses, self.truths = of_kind(came, Pose), of_kind(came, Truth)
+        self.frames, self.imu = of_topic(came, FRAMES, Frame), of_topic(came, IMU, ImuPacket)
+        self.poses, self.lights = of_topic(came, POSE, Pose), of_topic(came, LIGHT, Frame)
+        self.truths = of_topic(came, TRUTH, Truth)
 
     @property
     def gaps(self) -> dict[tuple[str, str], Gaps]:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import ipaddress
 import selectors
 from collections.abc import Sequence
 from typing import Any
 
-from evs.drivers.bus.address import bindable, is_ipc
+from evs.drivers.bus.address import plain_tcp
 from evs.drivers.clock import monotonic_s
 from evs.drivers.dv.port import PATIENCE_S, Port
 from evs.drivers.files.aedat4 import compression as compressions
@@ -86,7 +85,7 @@ class DvServer(Sink):
         ):
             if not value >= least:
                 raise EvsError(f"{name} is {value:g}: give {least} or more")
-        self._host, self._port = _place(address, insecure)
+        self._host, self._port = plain_tcp(address, insecure, "DV")
         self._compression = compression
         self._compress = compressions.compressor(compression)
         self._queue, self._wait_for, self._wait_s = queue, wait_for, wait_s
@@ -262,22 +261,3 @@ class DvServer(Sink):
         if self._selector is not None:
             self._selector.close()
             self._selector = None
-
-
-def _place(address: str, insecure: bool) -> tuple[str, int]:
-    """Host and port of tcp://HOST:PORT. EvsError: not local, and `insecure` is off."""
-    bound = bindable(address, True)
-    if is_ipc(bound):
-        raise EvsError(f"DV needs an address of the form tcp://HOST:PORT, not '{address}'")
-    host, _, port = bound.removeprefix("tcp://").rpartition(":")
-    host = host.strip("[]")
-    try:
-        is_local = ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        is_local = False
-    if not (is_local or insecure):
-        raise EvsError(
-            f"cannot serve DV on '{address}': its protocol has no keys, whoever reaches the port "
-            f"sees what the camera sees; use tcp://127.0.0.1:{port}, or insecure=true"
-        )
-    return host, int(port)

@@ -3,7 +3,7 @@
 from evs.drivers.files.calibration import calibration_yaml
 from evs.drivers.files.capabilities import Capabilities
 from evs.drivers.files.convert import Converted, convert
-from evs.drivers.files.formats import FORMATS, SUFFIXES, Format, endings, to_write
+from evs.drivers.files.formats import FORMATS, RECORDED, SUFFIXES, Format, endings, to_write
 from evs.drivers.files.integrity import Repair
 from evs.drivers.files.reading import (
     LeftOutWarning,
@@ -16,13 +16,16 @@ from evs.drivers.files.reading import (
     repair,
     stream_of,
 )
+from evs.drivers.files.slices import EventSlices
 from evs.drivers.files.summary import Summary, summary
 
 __all__ = [
     "FORMATS",
+    "RECORDED",
     "SUFFIXES",
     "Capabilities",
     "Converted",
+    "EventSlices",
     "Format",
     "LeftOutWarning",
     "Repair",

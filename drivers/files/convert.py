@@ -12,6 +12,7 @@ from typing import Any
 
 from evs.drivers.files.capabilities import Capabilities, can_begin_with, check_stamps, one_stream
 from evs.drivers.files.formats import AnyPath, Format, to_read, to_write
+from evs.drivers.files.metadata_file import check_metadata_replaceable, metadata_path
 from evs.drivers.files.multi_file import (
     MultiFileRecording,
     check_not_continued,
@@ -64,7 +65,7 @@ class Converted:
     left_out: dict[str, int] = field(default_factory=dict)
     """what was not written, as the target cannot hold it or evs does not read it -> how many"""
     files: list[Path] = field(default_factory=list)
-    """every file that was written"""
+    """every file of the recording that was written; metadata (FILE.json) is not counted"""
 
     @property
     def size(self) -> int:
@@ -111,6 +112,8 @@ def convert(
     target = Path(target)
     for path in file.paths if isinstance(file, MultiFileRecording) else [file.path]:
         _check_place(path, target)
+    if wanted.metadata_file:
+        check_metadata_replaceable(target)
     limits = wanted.capabilities_for(options.get("encoding"))
     stream, missing = _target_stream(file, limits)
     if missing and not events_only:
@@ -277,7 +280,9 @@ class _TemporaryFolder:
         Raises:
             EvsError: Other recordings would be replaced, or read as a part of this one.
         """
-        made = sorted(self._folder.iterdir(), key=lambda path: (path == self.path, path.name))
+        metadata = metadata_path(self.path) if kind.metadata_file else None
+        made = [path for path in self._folder.iterdir() if path != metadata]
+        made.sort(key=lambda path: (path == self.path, path.name))
         for path in made[:-1]:
             if (existing := self._target.parent / path.name).exists():
                 raise EvsError(f"{existing} already exists: move it, or choose another name")
@@ -285,6 +290,8 @@ class _TemporaryFolder:
         if after.is_file() and getattr(kind.open(self.path), "part", None) == 0:
             check_not_continued(self._target, kind.open, len(made))
         try:
+            if metadata is not None:
+                metadata.replace(metadata_path(self._target))
             return sorted(path.replace(self._target.parent / path.name) for path in made)
         except OSError as reason:
             raise target_error(self._target, reason) from None

@@ -1,13 +1,21 @@
-"""CSV: a line of JSON with the StreamInfo, a line of names, then `t,x,y,p` for each event."""
+"""Text files of events: recorders of CSV and of rpg's TXT, and the reader of both.
+
+CSV is a line of names, then `t,x,y,p` for each event, t in us. TXT has `t x y p` with t in seconds
+and no header, as the Event Camera Dataset; rpg_e2vid expects a first line of width and height. The
+StreamInfo lies beside them in FILE.json; older CSV files begin with it (`# evs {...}`).
+"""
 
 from __future__ import annotations
 
+import os
 import re
+import stat
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from io import BytesIO
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,14 +23,10 @@ import numpy.typing as npt
 
 from evs.drivers.files.appending_recorder import AppendingRecorder
 from evs.drivers.files.capabilities import MAX_SIDE_PX
-from evs.drivers.files.formats import AnyPath
-from evs.drivers.files.header_text import (
-    json_object,
-    stream_from_header,
-    stream_from_json,
-    stream_json,
-)
+from evs.drivers.files.formats import SIZE_LINE, AnyPath
+from evs.drivers.files.header_text import json_object, stream_from_header, stream_from_json
 from evs.drivers.files.integrity import MAX_STAMP_US, IntegrityReport
+from evs.drivers.files.metadata_file import read_metadata, write_metadata
 from evs.drivers.files.paths import existing
 from evs.drivers.files.recording_file import EventOnlyFile
 from evs.drivers.files.time_order import EventSorter
@@ -52,18 +56,58 @@ Numbers = npt.NDArray[np.float64] | npt.NDArray[np.int64]
 Offsets = npt.NDArray[np.int64]
 
 
-class CsvRecorder(AppendingRecorder):
-    """A Sink that writes CSV: `pandas.read_csv(file, comment="#")` reads it."""
+class _TextRecorder(AppendingRecorder):
+    """The base of the recorders; the metadata file is written before the first event."""
+
+    def _start_file(self, path: Path) -> None:
+        super()._start_file(path)
+        assert self._file is not None
+        # a device has nothing beside it
+        if stat.S_ISREG(os.fstat(self._file.fileno()).st_mode):
+            try:
+                write_metadata(path, self.stream)
+            except EvsError:
+                self._file.close()
+                self._file = None
+                raise
+
+
+class CsvRecorder(_TextRecorder):
+    """A Sink that writes CSV: `pandas.read_csv(file)` reads it."""
 
     NAME = "csv"
 
-    def _header(self, stream: StreamInfo) -> bytes:
-        return f"{EVS_LINE}{stream_json(stream)}\nt,x,y,p\n".encode()
+    def _header(self, stream: StreamInfo) -> bytes:  # noqa: ARG002 - it lies beside the file
+        return b"t,x,y,p\n"
 
     def _encode(self, events: Events) -> bytes:
         columns = np.stack([events[name].astype(np.int64) for name in "txyp"], axis=1)
         # one format for all lines: several times as fast as a line at a time
         return (("%d,%d,%d,%d\n" * len(events)) % tuple(columns.ravel().tolist())).encode()
+
+
+class TxtRecorder(_TextRecorder):
+    """A Sink that writes the text files of rpg's tools: `numpy.loadtxt(file)` reads it."""
+
+    NAME = "txt"
+
+    def _header(self, stream: StreamInfo) -> bytes:  # noqa: ARG002 - it lies beside the file
+        return b""
+
+    def _encode(self, events: Events) -> bytes:
+        seconds, us = np.divmod(events["t"], 1_000_000)
+        columns = [seconds, us, *(events[name].astype(np.int64) for name in "xyp")]
+        numbers = np.stack(columns, axis=1).ravel().tolist()
+        return (("%d.%06d %d %d %d\n" * len(events)) % tuple(numbers)).encode()
+
+
+class E2vidRecorder(TxtRecorder):
+    """The same after a line of width and height."""
+
+    NAME = "e2vid"
+
+    def _header(self, stream: StreamInfo) -> bytes:
+        return f"{stream.width} {stream.height}\n".encode()
 
 
 @dataclass
@@ -72,7 +116,8 @@ class CsvFile(EventOnlyFile):
 
     Columns go by their names, where a line names them, else they are t, x, y, p. They are parted by
     commas, semicolons, tabs or blanks. Times with a decimal point are seconds, others us; polarity
-    is 1 for ON, 0 or -1 for OFF. Lines that begin with # are comments.
+    is 1 for ON, 0 or -1 for OFF. Lines that begin with # are comments. A first line of two numbers
+    is the width and height of the sensor.
     """
 
     lines_at: int = 0
@@ -115,8 +160,8 @@ class CsvFile(EventOnlyFile):
             if not sound.all():
                 first = int((~sound).argmax())
                 stated = f"an event at ({x[first]:g}, {y[first]:g}), {t[first]:g}, is outside the "
-                count = int(np.count_nonzero(~sound))
-                integrity.corrupt(int(offsets[first]), f"{stated}sensor or its time", count)
+                stated += f"sensor of {stream.width} x {stream.height} px or its time"
+                integrity.corrupt(int(offsets[first]), stated, int(np.count_nonzero(~sound)))
             stamps, x, y, on = stamps[sound], x[sound], y[sound], p[sound] > 0
             events = make_events(stamps.astype(np.int64), x, y, on)
             offsets = offsets[sound]
@@ -126,12 +171,15 @@ class CsvFile(EventOnlyFile):
 
     def _probe(self, data: bytes) -> None:
         """Read comments, column names and the form of the first event."""
-        stated: dict[str, Any] = {}
-        at = 0
+        stated = read_metadata(self.path)
+        at, begun = 0, bool(stated)
         for line in islice(BytesIO(data), _HEAD_LINES):
             text = line.strip()
             if text.startswith(EVS_LINE.encode()):
-                stated = json_object(text[len(EVS_LINE) :].decode(errors="replace"))
+                stated, begun = json_object(text[len(EVS_LINE) :].decode(errors="replace")), True
+            elif not self.stream.width and (size := SIZE_LINE.fullmatch(line)):
+                self._state_size(int(size[1]), int(size[2]))
+                begun = True
             elif text and not text.startswith(b"#"):
                 if len(text) > _MAX_LINE_BYTES:
                     raise EvsError(
@@ -141,24 +189,26 @@ class CsvFile(EventOnlyFile):
                 self.delimiter = next((one for one in (b",", b";") if one in text), b"")
                 words = text.split(self.delimiter or None)
                 self.columns = len(words)
-                if stated and self.columns < 4 and not line.endswith(b"\n"):
-                    # ours, killed in its first event
-                    self.columns = 4
+                if begun and self.columns < 4 and not line.endswith(b"\n"):
+                    # the recorder was killed in its first event
+                    self.columns = max(4, 1 + max(self.column_index))
                     break
                 if _NUMBER.fullmatch(words[0].strip()):
                     self._detect_units([word.strip() for word in words])
                     break
                 self._detect_columns([word.decode(errors="replace") for word in words])
+                begun = True
             at += len(line)
         self.lines_at = min(at, self.size)
         self.stream = stream_from_header(stated, "") if stated else self.stream
 
     def _detect_units(self, words: list[bytes]) -> None:
         """Find the unit of time from the first event."""
-        if not 4 <= len(words) <= _MAX_COLUMNS:
+        needed = max(4, 1 + max(self.column_index))
+        if not needed <= len(words) <= _MAX_COLUMNS:
             raise EvsError(
                 f"{self.path} is not a recording: a line has {len(words)} columns; "
-                "it needs four, t, x, y, p"
+                f"it needs {needed}: t, x, y, p"
             )
         t, x = (words[place].lower() for place in self.column_index[:2])
         marked = b"." in t or b"e" in t
@@ -185,8 +235,12 @@ class CsvFile(EventOnlyFile):
         self.in_seconds = {"t_us": False, "t_s": True}.get(lower[column_index[0]])
         width, height = (parts[column_index[axis]][2] for axis in (1, 2))
         if width.isdecimal() and height.isdecimal() and len(width + height) < 12:
-            stated = {"width": int(width), "height": int(height)}
-            self.stream = stream_from_json(stated, StreamInfo(0, 0, sensor="unknown"))
+            self._state_size(int(width), int(height))
+
+    def _state_size(self, width: int, height: int) -> None:
+        """Take the sensor's size from the file, where it is possible."""
+        stated = {"width": width, "height": height}
+        self.stream = stream_from_json(stated, StreamInfo(0, 0, sensor="unknown"))
 
     def _chunks(self, integrity: IntegrityReport) -> Iterator[tuple[Numbers, Offsets]]:
         """For each part of the file: (n, columns) numbers, (n,) byte offsets of their lines."""

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from evs.drivers.files.appending_recorder import AppendingRecorder
 from evs.drivers.files.capabilities import MAX_SIDE_PX
@@ -18,9 +19,9 @@ from evs.drivers.files.header_text import (
     stream_from_header,
     stream_json,
 )
-from evs.drivers.files.integrity import IntegrityReport, on_sensor
+from evs.drivers.files.integrity import IntegrityReport
 from evs.drivers.files.recording_file import EventOnlyFile
-from evs.drivers.files.time_order import EventSorter
+from evs.drivers.files.time_order import in_order
 from evs.msgs import Events, EvsError, StreamInfo
 from evs.msgs.codecs import DatState, decode_dat, encode_dat
 from evs.msgs.codecs.dat import WRAP_US
@@ -127,19 +128,12 @@ class DatFile(EventOnlyFile):
     def events(self) -> Iterator[Events]:
         """The events of each tick (1 ms where the file states none) that has any."""
         integrity = IntegrityReport(noun="events")
-        sorter = EventSorter(integrity, self.stream)
-        for at, piece in self._pieces():
-            sound, outside = on_sensor(piece, self.stream.width, self.stream.height)
-            if outside:
-                sides = f"{self.stream.width} x {self.stream.height}"
-                integrity.corrupt(at, f"outside of {sides} px", outside)
-            yield from sorter.feed(sound, np.broadcast_to(np.int64(at), len(sound)))
-        yield from sorter.flush()
+        yield from in_order(self._pieces(), self.stream, integrity)
         integrity.torn_tail(self.size - (self.size - self.begin) % EVENT_BYTES, self.size)
         self.integrity = integrity
 
-    def _pieces(self) -> Iterator[tuple[int, Events]]:
-        """The byte offset of each piece of the file, and its events in the order recorded."""
+    def _pieces(self) -> Iterator[tuple[npt.NDArray[np.int64], Events]]:
+        """Byte offsets and events of each piece of the file, in the order recorded."""
         state, at = DatState(), self.begin
         with self.path.open("rb") as file:
             file.seek(at)
@@ -148,7 +142,7 @@ class DatFile(EventOnlyFile):
                     data, state, version=self.version, ordered=self.every_fall_wraps
                 )
                 piece["t"] += self.start_us
-                yield at, piece
+                yield at + EVENT_BYTES * np.arange(len(piece)), piece
                 at += len(data)
                 self.position = at
 

@@ -1,21 +1,22 @@
 """The table of formats: one row describes everything about a kind of recording.
 
 To add a format, write a reader (a `recording_file.RecordingFile` with a class method `at(path)`)
-and a recorder (a `Sink`), and add a row here. `evs.read`, `evs info`, `view`, `play`, `convert`,
-`--record` and `[[sink]]` then know it. Rows name readers and recorders as "module:name"; a module
-is imported when its format is first used, since some formats need an extra.
+and a recorder (a `Sink`; formats that are only read have none), and add a row here. `evs.read`,
+`evs info`, `view`, `play`, `convert`, `--record` and `[[sink]]` then know it. Rows name readers and
+recorders as "module:name"; a module is imported when its format is first used, since some formats
+need an extra.
 """
 
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from evs.drivers.files.capabilities import ANYTHING, Capabilities
-from evs.emulator.base.registry import load
 from evs.msgs import EvsError, unknown
 from evs.msgs.codecs import (
     LAST_ROS_US,
@@ -24,6 +25,7 @@ from evs.msgs.codecs import (
     MAX_SIDE_EVT_PX,
     TIME_ORIGIN_US,
 )
+from evs.msgs.registry import load
 
 if TYPE_CHECKING:
     from evs.drivers.files.recording_file import RecordingFile
@@ -33,6 +35,9 @@ AnyPath = str | os.PathLike[str]
 
 MAGIC_BYTES = 1024
 """how many of a file's first bytes `Format.matches` gets"""
+
+SIZE_LINE = re.compile(rb"\s*(\d{1,5})[ \t]+(\d{1,5})[ \t]*\r?\n")
+"""the first line of rpg_e2vid's text files: width and height, px"""
 
 
 @dataclass(frozen=True)
@@ -47,8 +52,8 @@ class Format:
     """NAME: one line for help texts"""
     reader: str
     """"module:class" of its RecordingFile"""
-    recorder: str
-    """"module:class" of its Sink"""
+    recorder: str = ""
+    """"module:class" of its Sink; empty: evs reads the format and does not write it"""
     capabilities: Capabilities = ANYTHING
     options: tuple[str, ...] = ()
     """keyword arguments of the recorder: keys of its sink in addition to `file`"""
@@ -60,6 +65,8 @@ class Format:
     """whether a file with these first bytes is of this format; needed where an ending is shared"""
     repairer: str = ""
     """"module:function" that repairs a file in place; empty: a truncated tail is cut off"""
+    metadata_file: bool = False
+    """whether the StreamInfo lies in FILE.json, since the file has no place for it"""
     extra: str = ""
     """the extra of evs that it needs, `pip install 'evs[EXTRA]'`; empty: none"""
 
@@ -105,10 +112,11 @@ class Format:
         return recorder
 
 
-_LAST_US = LONGEST_US - TIME_ORIGIN_US - 1
 _ROS = Capabilities(first_us=0, latest_us=LAST_ROS_US, frames=True, imu=True)
-_ROS_EVT3 = replace(_ROS, last_us=_LAST_US, from_start=True)
-_EVT = Capabilities(MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, 0, _LAST_US, from_start=True)
+_ROS_EVT3 = replace(_ROS, last_us=LONGEST_US - TIME_ORIGIN_US - 1, from_start=True)
+_TXT = Capabilities(first_us=0, latest_us=2**33 * 1_000_000 - 1)
+"""seconds as float64, which resolve 1 us up to there"""
+_EVT = Capabilities(MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, 0, LONGEST_US - 1, from_start=True)
 
 FORMATS: tuple[Format, ...] = (
     Format(
@@ -172,11 +180,23 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format(
         name="hdf5",
-        suffixes=(".h5", ".hdf5"),
+        suffixes=(".h5",),
+        shared_suffixes=(".hdf5",),
         title="HDF5: the layout of the DSEC data set",
         reader="evs.drivers.files.hdf5.reader:Hdf5File",
         repairer="evs.drivers.files.hdf5.reader:repair",
         recorder="evs.drivers.files.hdf5.recorder:Hdf5Recorder",
+        extra="formats",
+    ),
+    Format(
+        name="metavision",
+        suffixes=(".hdf5",),
+        shared_suffixes=(".h5",),
+        title="Metavision HDF5: Prophesee's, compressed with ECF",
+        reader="evs.drivers.files.hdf5.reader:Hdf5File",
+        repairer="evs.drivers.files.hdf5.reader:repair",
+        recorder="evs.drivers.files.hdf5.recorder:MetavisionRecorder",
+        capabilities=Capabilities(MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, 0),
         extra="formats",
     ),
     Format(
@@ -187,8 +207,11 @@ FORMATS: tuple[Format, ...] = (
         repairer="evs.drivers.files.bags.repair:repair",
         recorder="evs.drivers.files.bags.recorder:Ros2Recorder",
         capabilities=_ROS_EVT3,
-        capabilities_by_encoding={"libcaer": _ROS, "mono": _ROS, "dvs": _ROS},
-        options=("encoding",),
+        capabilities_by_encoding=dict.fromkeys(("libcaer", "libcaer_cmp", "mono", "dvs"), _ROS),
+        options=(
+            *("encoding", "node", "namespace"),
+            *("camera_frame_id", "imu_frame_id", "link_frame_id", "world_frame", "tf", "tf_static"),
+        ),
         extra="ros2",
     ),
     Format(
@@ -206,10 +229,12 @@ FORMATS: tuple[Format, ...] = (
     Format(
         name="aedat2",
         suffixes=(".aedat", ".aedat2"),
-        title="AEDAT2: a DAVIS's files, which jAER reads",
+        shared_suffixes=(".dat",),
+        title="AEDAT2: a DAVIS's files, which jAER reads; AEDAT1 is read",
         reader="evs.drivers.files.aedat2.reader:Aedat2File",
         recorder="evs.drivers.files.aedat2.recorder:Aedat2Recorder",
         capabilities=Capabilities(width=1 << 10, height=1 << 9, first_us=0),
+        matches=lambda head: head.startswith(b"#!AER-DAT"),
     ),
     Format(
         name="aedat3",
@@ -223,13 +248,49 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format(
         name="csv",
-        suffixes=(".csv", ".txt"),
-        title="CSV: lines of t,x,y,p",
+        suffixes=(".csv",),
+        title="CSV: lines of t,x,y,p, t in us",
         reader="evs.drivers.files.csv:CsvFile",
         recorder="evs.drivers.files.csv:CsvRecorder",
+        metadata_file=True,
+    ),
+    Format(
+        name="txt",
+        suffixes=(".txt",),
+        title="TXT: lines of t x y p, t in seconds, as the Event Camera Dataset",
+        reader="evs.drivers.files.csv:CsvFile",
+        recorder="evs.drivers.files.csv:TxtRecorder",
+        capabilities=_TXT,
+        metadata_file=True,
+    ),
+    Format(
+        name="e2vid",
+        suffixes=(".e2vid",),
+        shared_suffixes=(".txt",),
+        title="E2VID: TXT after a line of width and height, for rpg_e2vid",
+        reader="evs.drivers.files.csv:CsvFile",
+        recorder="evs.drivers.files.csv:E2vidRecorder",
+        capabilities=_TXT,
+        metadata_file=True,
+        matches=lambda head: SIZE_LINE.match(head) is not None,
+    ),
+    Format(
+        name="es",
+        suffixes=(".es",),
+        title="Event Stream: files of faery and loris",
+        reader="evs.drivers.files.event_stream:EventStreamFile",
+    ),
+    Format(
+        name="nmnist",
+        suffixes=(".bin",),
+        title="N-MNIST: 5 bytes an event, N-Caltech101's too",
+        reader="evs.drivers.files.nmnist:NMnistFile",
     ),
 )
 """Every format."""
+
+RECORDED = tuple(row for row in FORMATS if row.recorder)
+"""those that evs writes"""
 
 SUFFIXES = tuple(suffix for row in FORMATS for suffix in row.suffixes)
 """Every file name ending; each belongs to one format."""
@@ -244,7 +305,7 @@ def by_name(name: str) -> Format:
     for row in FORMATS:
         if row.name == name:
             return row
-    raise unknown("recording format", name, [row.name for row in FORMATS])
+    raise unknown("recording format", name, [row.name for row in RECORDED])
 
 
 def to_write(path: AnyPath, name: str | None = None) -> Format:
@@ -255,9 +316,15 @@ def to_write(path: AnyPath, name: str | None = None) -> Format:
         name: The format's name.
 
     Raises:
-        EvsError: No format has this name, or this ending.
+        EvsError: No format has this name, or this ending, or evs does not write it.
     """
-    return _by_suffix(path) if name is None else by_name(name)
+    found = _by_suffix(path) if name is None else by_name(name)
+    if not found.recorder:
+        raise EvsError(
+            f"{found.display_name} is read but not written (to {Path(path)}); names end in "
+            f"{_listed(suffix for row in RECORDED for suffix in row.suffixes)}"
+        )
+    return found
 
 
 def to_read(path: AnyPath) -> Format:
@@ -287,11 +354,17 @@ def _by_suffix(path: AnyPath) -> Format:
     for row in FORMATS:
         if suffix in row.suffixes:
             return row
-    known = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
-    raise EvsError(f"no recording format '{suffix}' (of {Path(path)}); names end in {known}")
+    raise EvsError(
+        f"no recording format '{suffix}' (of {Path(path)}); names end in {_listed(SUFFIXES)}"
+    )
 
 
 def endings(formats: Iterable[Format] = FORMATS) -> str:
     """The usual file name endings of formats, as a list in words for help texts."""
-    usual = list(dict.fromkeys(row.suffixes[0] for row in formats))
-    return f"{', '.join(usual[:-1])} or {usual[-1]}"
+    return _listed(dict.fromkeys(row.suffixes[0] for row in formats))
+
+
+def _listed(suffixes: Iterable[str]) -> str:
+    """Endings as a list in words."""
+    *most, last = suffixes
+    return f"{', '.join(most)} or {last}"

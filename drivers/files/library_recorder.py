@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from evs.drivers.allocate import allocate
 from evs.drivers.files.capabilities import check_stamps, one_stream
 from evs.drivers.files.formats import AnyPath, Format, by_name
 from evs.drivers.files.paths import stopped_text, target_error
@@ -47,7 +48,7 @@ class ReservedSpace:
         try:
             # a process that is killed leaves nothing of it
             path.unlink()
-            os.posix_fallocate(self._file, 0, self._kept)
+            allocate(self._file, self._kept)
         except OSError:
             self.close()
             raise
@@ -64,7 +65,7 @@ class ReservedSpace:
 
     def _allocate(self, more: int) -> None:
         try:
-            os.posix_fallocate(self._file, 0, self._kept + more + BUFFERED_BYTES)
+            allocate(self._file, self._kept + more + BUFFERED_BYTES)
         finally:
             os.ftruncate(self._file, self._kept)
         self._ahead = more

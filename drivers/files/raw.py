@@ -30,7 +30,6 @@ from evs.drivers.files.recording_file import MultiStreamFile, by_tick
 from evs.drivers.files.time_order import EventSorter, Interleaver, Message
 from evs.msgs import Events, EvsError, StreamInfo, Triggers
 from evs.msgs.codecs import (
-    TIME_ORIGIN_US,
     decode_evt2,
     decode_evt3,
     decode_evt21,
@@ -74,6 +73,8 @@ def header_bytes(stream: StreamInfo, version: str, time_origin_us: int) -> bytes
     lines = {
         "evt": version,
         "format": f"{name};height={stream.height};width={stream.width}",
+        # Prophesee's SDK states the order of the halves in a line of its own as well
+        **({"endianness": "little"} if version == "2.1" else {}),
         "geometry": f"{stream.width}x{stream.height}",
         "camera_integrator_name": "evs",
         "plugin_integrator_name": "Prophesee",
@@ -124,17 +125,19 @@ def _size(lines: dict[str, str], parts: dict[str, str]) -> tuple[int, int]:
 
 
 class _RawRecorder(AppendingRecorder):
-    """The base of the recorders. The clock of a file is at TIME_ORIGIN_US when the stream begins.
+    """The base of the recorders. The clock of a file is at 0 when the stream begins.
 
-    A camera's own clock would have advanced as well. The header states the origin, which our reader
-    subtracts. Every packet restates the time, so a file that was cut anywhere is read up to there.
+    The first word states time zero, so every reader, whether or not it shifts time stamps to the
+    first word, returns those of the stream. Where the stream begins later (`scene.start_us`), the
+    header states the origin, which our reader subtracts. Every packet restates the time, so a file
+    that was cut anywhere is read up to there.
     """
 
     _VERSION: str
 
     def _header(self, stream: StreamInfo) -> bytes:
-        self._origin_us = TIME_ORIGIN_US - stream.start_us
-        self._after_us = -self._origin_us
+        self._origin_us = -stream.start_us
+        self._after_us = stream.start_us
         return header_bytes(stream, self._VERSION, self._origin_us)
 
     def _encode(self, events: Events) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
@@ -16,7 +17,6 @@ from evs.drivers.files.multi_file import MultiFileRecording, open_recording
 from evs.drivers.files.paths import target_error
 from evs.drivers.files.recording_file import RecordingFile
 from evs.drivers.sink import Sink
-from evs.emulator.base.registry import load
 from evs.msgs import (
     EVENT_DTYPE,
     IMU_DTYPE,
@@ -35,6 +35,11 @@ from evs.msgs import (
     empty_imu,
     empty_triggers,
 )
+from evs.msgs.pictures import event_facts, event_frame, html_card
+from evs.msgs.registry import load
+
+SHOWN_US, RATE_INTERVALS = 20_000, 100
+"""of a recording in a notebook: the time of the events in the picture, the points of the curve"""
 
 
 class AuxiliaryData:
@@ -101,6 +106,24 @@ class Recording(np.ndarray[Any, np.dtype[np.void]]):
             value = getattr(parent, name, None)
             if value is not None:
                 setattr(self, name, value)
+
+    def _repr_html_(self) -> str:
+        if self.dtype != EVENT_DTYPE or self.ndim != 1:
+            return f"<pre>{html.escape(repr(self))}</pre>"
+        stream = self.stream
+        facts = {
+            "sensor": stream.sensor,
+            "size": f"{stream.width} x {stream.height} px",
+            **event_facts(self),
+        }
+        # the events around the middle one; a slice need not be in order
+        middle_us = int(self["t"][len(self) // 2]) if len(self) else 0
+        shown = np.abs(self["t"] - middle_us) <= SHOWN_US // 2
+        facts["picture"] = f"{SHOWN_US // 1000} ms around {middle_us:,} us"
+        picture = event_frame(self[shown], stream.width, stream.height)
+        sorted_times = len(self) and bool((np.diff(self["t"]) >= 0).all())
+        rates = (np.asarray(self), RATE_INTERVALS) if sorted_times else None
+        return html_card(f"Recording of {stream.camera}", facts, picture, rates)
 
     @property
     def frames(self) -> tuple[Frame, ...]:

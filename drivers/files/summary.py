@@ -102,7 +102,7 @@ def summary(path: AnyPath, *, single: bool = False) -> Summary:
         packets_seen += 1
     return Summary(
         path=str(file.path),
-        format=kind.name,
+        format=getattr(file, "format_name", kind.name),
         size=file.size,
         compression=file.compression,
         stream=file.stream,

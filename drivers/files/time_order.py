@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 from bisect import insort
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import numpy.typing as npt
 
 from evs.drivers.files.integrity import IntegrityReport
 from evs.drivers.files.recording_file import by_tick, part_us
-from evs.msgs import EVENT_DTYPE, Events, Frame, ImuSamples, StreamInfo, Triggers, join_events
+from evs.msgs import (
+    EVENT_DTYPE,
+    Events,
+    Frame,
+    ImuSamples,
+    StreamInfo,
+    Triggers,
+    clean_events,
+    join_events,
+)
 
 CLOCK_RESET_US = 1_000_000
 """A time stamp this much lower than the one before means that the clock was reset."""
@@ -120,6 +129,34 @@ class EventSorter:
         self._given_us = last_us if self._given_us is None else max(self._given_us, last_us)
         for part in (events[:late], events[late:]):
             yield from by_tick(part, self._stream)
+
+
+def in_order(
+    pieces: Iterable[tuple[npt.NDArray[np.int64], Events]],
+    stream: StreamInfo,
+    integrity: IntegrityReport,
+) -> Iterator[Events]:
+    """Sort the events of a file and leave out those that are not on the sensor.
+
+    Args:
+        pieces: (n,) the byte offset of each event and (n,) EVENT_DTYPE, as recorded.
+        stream: Its sensor, and the ticks that are given out.
+        integrity: Receives what was left out and what was out of order.
+
+    Yields:
+        Sorted parts, (m,) with m > 0, one for each tick.
+    """
+    sorter = EventSorter(integrity, stream)
+    for offsets, events in pieces:
+        x, y = events["x"].view(np.uint16), events["y"].view(np.uint16)
+        inside = (x < stream.width) & (y < stream.height)
+        if not inside.all():
+            outside = np.flatnonzero(~inside)
+            reason = f"outside of {stream.width} x {stream.height} px"
+            integrity.corrupt(int(offsets[outside[0]]), reason, len(outside))
+            offsets, events = offsets[inside], clean_events(events[inside])
+        yield from sorter.feed(events, offsets)
+    yield from sorter.flush()
 
 
 def sort_events(events: Events) -> Events:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,7 @@ import numpy.typing as npt
 from evs.drivers.gym.actions import Actions
 from evs.drivers.gym.event_observations import StepEvents, make_event_observation
 from evs.drivers.gym.library import gymnasium, spaces
-from evs.drivers.pictures import U8, event_frame, exposure_for, to_srgb8, upscale
+from evs.drivers.pictures import upscale
 from evs.drivers.run.paths import in_package
 from evs.drivers.run.sensor_ranges import read_ranges
 from evs.emulator import Loop, Observation, View
@@ -25,6 +26,10 @@ from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
 from evs.emulator.simulation.initial_states import Start, begin, check_start
 from evs.emulator.world import NamedSensors, Scene
 from evs.msgs import Events, EvsError, empty_events, join_events, unknown
+from evs.msgs.pictures import U8, event_frame, exposure_for, to_srgb8
+
+if TYPE_CHECKING:
+    from evs.drivers.viewer.web.live import LivePage
 
 Sensors = dict[str, npt.NDArray[np.float64]]
 """name of a <sensor> of the model -> its values"""
@@ -40,7 +45,8 @@ NO_BOUND = float(np.finfo(np.float32).max)
 """encoders have no bound"""
 
 
-METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 50}
+METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 100.0}
+"""of ten ticks a step; an environment has its own number"""
 
 
 class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
@@ -106,7 +112,8 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             keyframe: the one to start from; "" is as the model says
             control_range: name of an actuator -> (low, high), instead of its ctrlrange
             threads: of the renderer; several environments in parallel are fastest with one each
-            render_mode: None or rgb_array
+            render_mode: None, rgb_array, or human: a page in the browser shows every step, in real
+                time (extra web)
             render_camera: the camera of `render`; "" is the model's first, or a free one
             randomise: key of [sensor] -> its range, as of evs.SensorRanges, or a TOML file with a
                 table [randomise]: another sensor in every episode, the same for all cameras; what
@@ -115,9 +122,13 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         Raises:
             EvsError: an argument is not possible; the message is one line
         """
+        # what a copy is made with
+        self._arguments = {
+            name: value for name, value in locals().items() if name not in ("self", "__class__")
+        }
         modes = self.metadata["render_modes"]
         if render_mode is not None and render_mode not in modes:
-            raise EvsError(f"render_mode is {render_mode!r}; give None or '{modes[0]}'")
+            raise EvsError(f"render_mode is {render_mode!r}; give None, {' or '.join(modes)}")
         self.render_mode = render_mode
         sensor = _sized(sensor, size)
         if isinstance(randomise, str | Path):
@@ -139,6 +150,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         )
         world = self.loop.world
         self._ticks, self._keyframe = _whole_ticks(ticks), keyframe
+        self.metadata = METADATA | {"render_fps": 1e6 / (self._ticks * self.loop.tick_us)}
         self._max_us = _microseconds(max_s)
         self._sensors = NamedSensors(world.model)
         self._reward = _checked_reward(reward or {}, self._sensors.names)
@@ -159,9 +171,10 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
                 sensor=SensorConfig(preset="ideal", width=SCENE_PX[0], height=SCENE_PX[1]),
                 rgb=True,
             )
-            if render_mode
+            if render_mode == "rgb_array"
             else None
         )
+        self._page: LivePage | None = None
         self._actions = Actions(self.loop.actuators, self.loop.ctrl_range, control_range)
         self.action_space = self._actions.space
         self.observation_space = self._space()
@@ -170,6 +183,24 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self.drawn: DrawnSensor | None = None
         """the sensor of this episode; None: it is not randomised, or there was no reset"""
         self._events: dict[str, Events] = {}
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> LoopEnv:
+        """An environment of its own that goes on from here with the same bytes."""
+        kind = type(self)
+        twin = memo[id(self)] = kind.__new__(kind)
+        LoopEnv.__init__(twin, **self._arguments)
+        if self.seen is not None:
+            drawn = self.drawn.config if self.drawn else None
+            twin.loop.reset(self.loop.world.seed, sensor=drawn)
+            twin.loop.restore(self.loop.save())
+            twin._began_us = self._began_us
+        twin._np_random, twin._np_random_seed = (
+            deepcopy(self._np_random, memo),
+            self._np_random_seed,
+        )
+        twin._views = deepcopy(self._views, memo)
+        twin.seen, twin.drawn, twin._events = self.seen, self.drawn, dict(self._events)
+        return twin
 
     def _space(self) -> spaces.Space[Any]:
         keys = dict(zip(self._keys(), self._views.values(), strict=True))
@@ -225,6 +256,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
                 f"the episode is over where it begins ({self.seen.done}): narrow start, or widen "
                 "limits"
             )
+        self._show(self.seen, begins=True)
         return self._observed(self.seen)
 
     def step(
@@ -246,12 +278,30 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         control = self._actions.control(action)
         left = -(-(self._max_us - self.loop.t_us) // self.loop.tick_us)
         self.seen = self.loop.step(control, min(self._ticks, left))
+        self._show(self.seen)
         terminated = bool(self.seen.done)
         truncated = not terminated and self._out_of_time()
         worth = _reward_of(self._reward, self._sensors.read(self.loop.world.data), control)
         worth += 0.0 if terminated else self._alive
         observation, info = self._observed(self.seen)
         return observation, worth, terminated, truncated, info
+
+    def close(self) -> None:
+        """End the page of render_mode human. Safe to call twice."""
+        if self._page is not None:
+            self._page.close()
+            self._page = None
+
+    def _show(self, seen: Observation, *, begins: bool = False) -> None:
+        if self.render_mode != "human":
+            return
+        if self._page is None:
+            from evs.drivers.viewer.web.live import LivePage
+
+            self._page, begins = LivePage(self.loop.world.cameras), True
+        if begins:
+            self._page.begin(seen.t_us)
+        self._page.show(seen.packets, seen.t_us)
 
     def _out_of_time(self) -> bool:
         return self.loop.t_us >= self._max_us
@@ -281,7 +331,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         return found, info
 
     def render(self) -> U8 | None:
-        """(h, w, 3) uint8 sRGB: scene and events of the last step; None without render_mode."""
+        """(h, w, 3) uint8 sRGB: scene and events of the last step; None but with rgb_array."""
         if self._scene is None:
             return None
         sizes = {c.name: (c.info.width, c.info.height) for c in self.loop.world.cameras}

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from evs.drivers.files.paths import FORCE, check_new, free_number, numbered_path
 from evs.drivers.run.config import SinkConfig, make_sink
+from evs.drivers.run.sensor_control import SensorControl
 from evs.drivers.run.sink_set import AuxiliaryStreams, SinkSet
 from evs.drivers.sink import SinkStoppedError
 from evs.emulator.base.protocols import Meter
@@ -61,6 +62,7 @@ class Segments:
         meter: Meter,
         warn: Callable[[str], None],
         beside: bool = False,
+        sensors: SensorControl | None = None,
     ) -> None:
         """Make the sinks; `open` opens them.
 
@@ -69,12 +71,13 @@ class Segments:
             meter: Every sink gets it.
             warn: Gets one line for each sink that stops.
             beside: As of PipelineConfig.
+            sensors: As of SinkSet, for those that go on over resets.
         """
         self._beside, self._place = beside, 0
-        self._files = [table for table in tables if table.file or table.rrd]
+        self._files = [table for table in tables if table.target]
         self._meter, self._warn = meter, warn
         live = [make_sink(table) for table in tables if table not in self._files]
-        self._live = SinkSet(live, meter, warn)
+        self._live = SinkSet(live, meter, warn, sensors)
         self._kept: list[_Share] | None = None
         self._number, self._begun = 0, 0
         self._written = False
@@ -213,17 +216,17 @@ class Segments:
         """Each file of a table in this segment: its name, and what records it."""
         infos = tuple(self._infos)
         names = self._names(table, infos, self._number)
-        if table.rrd:
-            return [(names[0], self._share(replace(table, rrd=names[0]), infos))]
+        if not table.file:
+            return [(names[0], self._share(table.at(names[0]), infos))]
         return [
-            (name, self._share(replace(table, file=name), (info,)))
+            (name, self._share(table.at(name), (info,)))
             for name, info in zip(names, infos, strict=True)
         ]
 
     def _names(self, table: SinkConfig, infos: Sequence[StreamInfo], number: int) -> list[str]:
-        """Of its files in segment `number`: one a camera, of rerun one for all."""
-        file = table.rrd or table.file or ""
-        several = not table.rrd and len(infos) > 1
+        """Of its files in segment `number`: one a camera, of rerun and foxglove one for all."""
+        file = table.target or ""
+        several = bool(table.file) and len(infos) > 1
         files = [camera_path(file, info.camera) for info in infos] if several else [file]
         return [segment_path(numbered_path(one, self._place), number) for one in files]
 

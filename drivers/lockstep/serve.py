@@ -14,6 +14,7 @@ from evs.drivers.lockstep.server import LockstepServer
 from evs.drivers.run.config import PACES, PipelineConfig
 from evs.drivers.run.report import Report
 from evs.drivers.run.run_loop import RunLoop
+from evs.drivers.run.sensor_control import SensorControl
 from evs.drivers.run.statistics import Totals
 from evs.drivers.run.stop_signals import stop_signals
 from evs.emulator import Loop, World
@@ -73,8 +74,9 @@ def serve(
     watch = meter or StopWatch()
     loop = make_loop(watch) if make_loop is not None else loop_of(config, watch)
     pacer = Pacer(PACES.get(config.pace, 0.0), catch_up_s=config.realtime.catch_up_s)
-    segments = Segments(config.sinks(), watch, lambda line: run.warn(line), config.beside)
-    run = ServedRun(loop, segments, watch, pacer, warn)
+    sensors = SensorControl(loop.world)
+    segments = Segments(config.sinks(), watch, lambda line: run.warn(line), config.beside, sensors)
+    run = ServedRun(loop, segments, watch, pacer, warn, sensors)
     keys = config.lockstep
     run.server = (RealtimeServer if config.realtime.serve else LockstepServer)(
         run,
@@ -113,9 +115,10 @@ class ServedRun(RunLoop):
         watch: StopWatch,
         pacer: Pacer,
         warn: Callable[[str], None] | None,
+        sensors: SensorControl | None = None,
     ) -> None:
         """Make a run that has not begun; arguments as of RunLoop."""
-        super().__init__(loop.world, segments, watch, pacer, warn)
+        super().__init__(loop.world, segments, watch, pacer, warn, sensors)
         self.segments = segments
         self._stopped: Sequence[str] = ()
         self._step_s, self._ticks_left = 0.0, 0

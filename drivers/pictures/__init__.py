@@ -2,8 +2,7 @@
 
 from evs.drivers.pictures.channels import channel_page
 from evs.drivers.pictures.clip import clip_frames
-from evs.drivers.pictures.colours import OFF_RGB, ON_RGB, U8, exposure_for, to_srgb8
-from evs.drivers.pictures.frame import count_polarities, event_frame, events_between, upscale
+from evs.drivers.pictures.frame import count_polarities, events_between, upscale
 from evs.drivers.pictures.image_files import (
     MAX_FRAMES,
     SUFFIXES,
@@ -19,19 +18,14 @@ from evs.drivers.pictures.preview import Shot, preview, shot_times
 
 __all__ = [
     "MAX_FRAMES",
-    "OFF_RGB",
-    "ON_RGB",
     "SUFFIXES",
-    "U8",
     "LightLog",
     "Playback",
     "Shot",
     "channel_page",
     "clip_frames",
     "count_polarities",
-    "event_frame",
     "events_between",
-    "exposure_for",
     "need_video",
     "preview",
     "recorded_light",
@@ -39,7 +33,6 @@ __all__ = [
     "span_us",
     "speed_words",
     "suffix_of",
-    "to_srgb8",
     "upscale",
     "write_gif",
     "write_mp4",

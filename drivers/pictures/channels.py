@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.pictures.colours import FAINT, PAPER, U8, exposure_for, to_srgb8
 from evs.drivers.pictures.frame import upscale, whole_factor
 from evs.drivers.pictures.preview import font_size
 from evs.drivers.pictures.text_lines import paste, text_line
+from evs.msgs.pictures import FAINT, PAPER, U8, exposure_for, to_srgb8
 
 PANEL_PX = 320
 """Small frames are enlarged by whole factors until the longer side has this many pixels."""

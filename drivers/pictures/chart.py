@@ -26,8 +26,8 @@ from evs.drivers.pictures.chart_layout import (
     names_of,
     place_of,
 )
-from evs.drivers.pictures.colours import U8
 from evs.drivers.pictures.pen import FINE, GREY, INK_RGB, PAPER_RGB, RGB, Pen, text_width
+from evs.msgs.pictures import U8
 
 PICTURE_AT = (LEFT_PX - 58, TOP_PX)
 

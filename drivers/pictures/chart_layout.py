@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evs.drivers.pictures.colours import U8
 from evs.drivers.pictures.pen import POINT_PX, RGB, text_width
 from evs.drivers.pictures.scales import Scale
+from evs.msgs.pictures import U8
 
 LETTER_PX = 14
 TITLE_PX = 17

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from evs.drivers.pictures.colours import FAINT, PAPER, U8
-from evs.drivers.pictures.frame import event_frame, events_between, upscale, whole_factor
+from evs.drivers.pictures.frame import events_between, upscale, whole_factor
 from evs.drivers.pictures.playback import Playback, speed_words
 from evs.drivers.pictures.text_lines import TextLine, legend_line, paste, side_by_side, text_line
 from evs.msgs import Events
+from evs.msgs.pictures import FAINT, PAPER, U8, event_frame
 
 CLIP_PX = 480
 """Small sensors are enlarged by whole factors until the longer side has this many pixels."""

@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from evs.drivers.pictures.colours import OFF_RGB, ON_RGB, U8
 from evs.drivers.pictures.playback import Playback
 from evs.msgs import EvsError, unknown
+from evs.msgs.pictures import OFF_RGB, ON_RGB, U8
 
 SUFFIXES = (".gif", ".png", ".mp4")
 """The endings of pictures that can be written."""

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.pictures.colours import U8, exposure_for, to_srgb8
 from evs.drivers.pictures.playback import Playback
 from evs.msgs import Frame
+from evs.msgs.pictures import U8, exposure_for, to_srgb8
 
 LightOf = Callable[[Any], npt.NDArray[np.float32]]
 """From a world to the linear luminance (h, w) of its latest tick."""

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 from PIL import ImageDraw
 
-from evs.drivers.pictures.colours import INK, PAPER
 from evs.drivers.pictures.text_lines import font
+from evs.msgs.pictures import INK, PAPER
 
 FINE = 3
 """How many times larger a chart is drawn."""

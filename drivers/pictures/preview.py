@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evs.drivers.pictures.colours import FAINT, PAPER, U8
-from evs.drivers.pictures.frame import count_polarities, event_frame, upscale, whole_factor
+from evs.drivers.pictures.frame import count_polarities, upscale, whole_factor
 from evs.drivers.pictures.text_lines import TextLine, legend_line, paste, text_line
 from evs.msgs import Events
+from evs.msgs.pictures import FAINT, PAPER, U8, event_frame
 
 PANEL_PX = 480
 """Small sensors are enlarged by whole factors until the longer side has this many pixels."""

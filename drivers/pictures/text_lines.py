@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from evs.drivers.pictures.colours import INK, OFF_RGB, ON_RGB, PAPER, U8
+from evs.msgs.pictures import INK, OFF_RGB, ON_RGB, PAPER, U8
 
 LEGEND = (("ON: brighter", ON_RGB), ("OFF: darker", OFF_RGB))
 """meaning of the two colours"""

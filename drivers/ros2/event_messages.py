@@ -10,8 +10,9 @@ from evs.msgs.codecs import LAST_ROS_US, PAYLOADS, TIME_ORIGIN_US, PayloadWriter
 LONGEST_S = 1000.0
 """A message in `libcaer` has 31 bits for the us, which wrap; decoders expect no longer message."""
 
-MOST_MONO_S = 4.0
-"""A message in `mono` has 32 bits for the ns since its first event."""
+LONGEST_BY_ENCODING_S = {"mono": 4.0, "libcaer_cmp": 16.0}
+"""A message has so many bits since its first event: in `mono` 32 for ns, in `libcaer_cmp` 24 for
+us."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class EventMessageBuilder:
         """Start with no events.
 
         Args:
-            encoding: evt3, libcaer or mono.
+            encoding: A key of PAYLOADS.
             time_threshold_s: Least time that a message spans, s, unless it reaches its size before.
             size_threshold: The size at which a message is complete, bytes.
             start_us: Start of the stream, us, at which evt3's clock reads 1 s.
@@ -49,10 +50,11 @@ class EventMessageBuilder:
                 f"event_message_time_threshold is {time_threshold_s:g} s: give 0 (a message a "
                 f"tick) ... {LONGEST_S:g}"
             )
-        if encoding == "mono" and time_threshold_s > MOST_MONO_S:
+        longest_s = LONGEST_BY_ENCODING_S.get(encoding, LONGEST_S)
+        if time_threshold_s > longest_s:
             raise EvsError(
-                f"event_message_time_threshold is {time_threshold_s:g} s, a message in mono spans "
-                f"{MOST_MONO_S:g} s at most: give less, or encoding = evt3"
+                f"event_message_time_threshold is {time_threshold_s:g} s, a message in {encoding} "
+                f"spans {longest_s:g} s at most: give less, or encoding = evt3"
             )
         if size_threshold < 1:
             raise EvsError(

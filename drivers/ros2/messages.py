@@ -7,17 +7,23 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.files.bags.library import PACKET, typestore
+from evs.drivers.files.bags.library import PACKET, TRANSFORMS, typestore
 from evs.drivers.files.bags.messages import (
     IMAGE,
     INFO,
+    POSE,
     SAMPLE,
     image_message,
     info_message,
+    is_calibrated,
+    link_transform,
+    pose_message,
     sample_message,
+    static_transforms,
 )
+from evs.drivers.files.bags.names import FrameIds
 from evs.drivers.ros2.event_messages import EventMessage
-from evs.drivers.ros2.names import CLOCK, POSE, TRANSFORMS
+from evs.drivers.ros2.names import CLOCK
 from evs.msgs import Frame, Pose, StreamInfo
 from evs.msgs.imu import empty_imu
 
@@ -27,18 +33,19 @@ _SECOND_US = 1_000_000
 class Messages:
     """Makes the messages of one camera. Stamps are simulated time."""
 
-    def __init__(self, stream: StreamInfo, frame_id: str, world_frame: str) -> None:
+    def __init__(self, stream: StreamInfo, frames: FrameIds, world_frame: str) -> None:
         """Prepare the messages of a camera.
 
         Args:
             stream: The camera's stream.
-            frame_id: Name of the optical frame: x right, y down, z forward.
+            frames: Names of its frames.
             world_frame: Name of the world's frame.
         """
-        self._stream, self._frame_id, self._world_frame = stream, frame_id, world_frame
+        self._stream, self._frames, self._world_frame = stream, frames, world_frame
         self._store = typestore(2)
         self._seq = 0
-        self.has_info = info_message(self._store, self._header(0), stream, 2) is not None
+        self.has_info = stream.frames or is_calibrated(stream)
+        """whether there is a camera_info: with each image, or of a calibrated camera"""
 
     def events(self, message: EventMessage, encoding: str) -> bytes:
         """event_camera_msgs/EventPacket; its stamp is the first event's."""
@@ -62,43 +69,32 @@ class Messages:
         return self._bytes(image_message(self._store, header, frame), IMAGE)
 
     def info(self, t_us: int) -> bytes:
-        """sensor_msgs/CameraInfo, where `has_info`."""
+        """sensor_msgs/CameraInfo; without a calibration it is zero but for the size."""
         return self._bytes(info_message(self._store, self._header(t_us), self._stream, 2), INFO)
 
     def sample(self, sample: Any) -> bytes:
-        """sensor_msgs/Imu of one sample, in the optical frame."""
-        header = self._header(int(sample["t"]))
+        """sensor_msgs/Imu of one sample."""
+        header = self._header(int(sample["t"]), self._frames.imu)
         return self._bytes(sample_message(self._store, header, sample), SAMPLE)
 
     def pose(self, pose: Pose) -> bytes:
         """geometry_msgs/PoseStamped of the optical frame, in the world's."""
-        types = self._store.types
-        place = types["geometry_msgs/msg/Pose"](
-            position=types["geometry_msgs/msg/Point"](*map(float, pose.position)),
-            orientation=self._turn(pose),
-        )
         header = self._header(pose.t_us, self._world_frame)
-        return self._bytes(types[POSE](header=header, pose=place), POSE)
+        return self._bytes(pose_message(self._store, header, pose), POSE)
 
     def transform(self, pose: Pose) -> bytes:
-        """tf2_msgs/TFMessage: from the world's frame to the optical one."""
-        types = self._store.types
-        moved = types["geometry_msgs/msg/Transform"](
-            translation=types["geometry_msgs/msg/Vector3"](*map(float, pose.position)),
-            rotation=self._turn(pose),
-        )
-        one = types["geometry_msgs/msg/TransformStamped"](
-            header=self._header(pose.t_us, self._world_frame),
-            child_frame_id=self._frame_id,
-            transform=moved,
-        )
-        return self._bytes(types[TRANSFORMS](transforms=[one]), TRANSFORMS)
+        """tf2_msgs/TFMessage: the camera's link in the world's frame."""
+        header = self._header(pose.t_us, self._world_frame)
+        moved = link_transform(self._store, header, self._frames, pose)
+        return self._bytes(self._store.types[TRANSFORMS](transforms=[moved]), TRANSFORMS)
 
-    def _turn(self, pose: Pose) -> Any:
-        return self._store.types["geometry_msgs/msg/Quaternion"](*map(float, pose.orientation))
+    def static_transforms(self, t_us: int) -> list[Any]:
+        """geometry_msgs/TransformStamped of the frames that stay where they are in the link."""
+        header = self._header(t_us, self._frames.link)
+        return static_transforms(self._store, header, self._frames, self._stream.imu)
 
     def _header(self, t_us: int, frame_id: str | None = None) -> Any:
-        name = self._frame_id if frame_id is None else frame_id
+        name = self._frames.camera if frame_id is None else frame_id
         return self._store.types["std_msgs/msg/Header"](stamp=_time(t_us), frame_id=name)
 
     def _bytes(self, message: Any, kind: str) -> bytes:
@@ -111,8 +107,7 @@ def rehearse() -> None:
 
     That takes 20 ms in all, too long for the first tick.
     """
-    matrix = {"d": [], "k": [0.0] * 9, "r": [0.0] * 9, "p": [0.0] * 12}
-    one = Messages(StreamInfo(1, 1, camera_info=matrix), "", "")
+    one = Messages(StreamInfo(1, 1), FrameIds("", "", ""), "")
     pose = Pose(0, 0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
     one.events(EventMessage(0, 0, 0, b"", 0), "")
     one.image(Frame(0, 0, 0, 0, 0, np.zeros((1, 1), np.uint8)))
@@ -121,6 +116,13 @@ def rehearse() -> None:
     one.pose(pose)
     one.transform(pose)
     clock_message(0)
+
+
+def static_message(transforms: list[Any]) -> bytes:
+    """tf2_msgs/TFMessage of the transforms of all cameras: /tf_static keeps one message."""
+    store = typestore(2)
+    message = store.types[TRANSFORMS](transforms=transforms)
+    return _padded(store.serialize_cdr(message, TRANSFORMS))
 
 
 def clock_message(t_us: int) -> bytes:

@@ -17,6 +17,7 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from evs.drivers.files.bags.library import typestore
+from evs.drivers.ros2.names import Quality
 from evs.msgs import EvsError, nearest_first
 
 _FLAG_LOOPBACK = 0x8
@@ -129,31 +130,31 @@ class _Bytes(ctypes.Structure):
 class Writer:
     """Writes the messages of one topic, each as the bytes of its CDR."""
 
-    def __init__(self, participant: Any, name: str, kind: str, reliable: bool, depth: int) -> None:
+    def __init__(self, participant: Any, name: str, kind: str, quality: Quality) -> None:
         """Join a topic.
 
         Args:
             participant: The library's participant.
             name: Name of the topic in ROS, such as /camera/events.
             kind: Type of its messages, such as sensor_msgs/msg/Imu.
-            reliable: Whether each message is repeated until readers have confirmed it.
-            depth: How many messages are held for slow readers.
+            quality: Its quality of service.
         """
         dds = load()
         policy = dds.core.Policy
-        self._is_reliable = reliable
+        self._is_reliable = quality.reliable
         self.readers = 0
         """number of readers that are matched now"""
-        quality = dds.core.Qos(
+        durability, reliability = policy.Durability, policy.Reliability
+        policies = dds.core.Qos(
             # a writer that blocks would delay all others
-            policy.Reliability.Reliable(0) if reliable else policy.Reliability.BestEffort,
-            policy.Durability.Volatile,
-            policy.History.KeepLast(depth),
+            reliability.Reliable(0) if quality.reliable else reliability.BestEffort,
+            durability.TransientLocal if quality.transient_local else durability.Volatile,
+            policy.History.KeepLast(quality.depth),
         )
         # a query would wait for a write in progress
         listener = dds.core.Listener(on_publication_matched=self._matched)
-        topic = dds.topic.Topic(participant, f"rt{name}", topic_type(kind), qos=quality)
-        self._writer: Any = dds.pub.DataWriter(participant, topic, qos=quality, listener=listener)
+        topic = dds.topic.Topic(participant, f"rt{name}", topic_type(kind), qos=policies)
+        self._writer: Any = dds.pub.DataWriter(participant, topic, qos=policies, listener=listener)
         self._failures = (dds.core.DDSException,)
         self._write = dds.internal.DDS._dll_handle.dds_write
         self._write.argtypes, self._write.restype = (
@@ -206,9 +207,9 @@ class Participant:
             self._domain = None
             raise _refused(domain_id, interface) from None
 
-    def writer(self, name: str, kind: str, *, reliable: bool, depth: int) -> Writer:
+    def writer(self, name: str, kind: str, quality: Quality) -> Writer:
         """A writer for a topic; it has to be closed before the participant is."""
-        return Writer(self._participant, name, kind, reliable, depth)
+        return Writer(self._participant, name, kind, quality)
 
     def close(self) -> None:
         """Leave the domain. Safe to call twice."""

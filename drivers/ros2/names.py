@@ -1,15 +1,12 @@
-"""Names of ROS: of nodes and namespaces, and of the topics behind them."""
+"""The topics of a camera in ROS 2: names, types, and the quality of service of the real drivers."""
 
 from __future__ import annotations
 
-import re
+from dataclasses import dataclass
 
-from evs.drivers.files.bags.library import PACKET
-from evs.drivers.files.bags.messages import IMAGE, INFO, SAMPLE, TOPICS
-from evs.msgs import EvsError
+from evs.drivers.files.bags.library import PACKET, TRANSFORMS
+from evs.drivers.files.bags.messages import IMAGE, INFO, POSE, SAMPLE, TOPICS
 
-POSE = "geometry_msgs/msg/PoseStamped"
-TRANSFORMS = "tf2_msgs/msg/TFMessage"
 CLOCK = "rosgraph_msgs/msg/Clock"
 
 PRIVATE = {
@@ -17,35 +14,48 @@ PRIVATE = {
     TOPICS[SAMPLE]: SAMPLE,
     TOPICS[INFO]: INFO,
     TOPICS[IMAGE]: IMAGE,
-    "pose": POSE,
+    TOPICS[POSE]: POSE,
 }
 """name behind the node's -> type"""
 
-GLOBAL = {"/clock": CLOCK, "/tf": TRANSFORMS}
+GLOBAL = {"/clock": CLOCK, "/tf": TRANSFORMS, "/tf_static": TRANSFORMS}
 """topics of all nodes together -> type"""
 
-_TOKEN = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+@dataclass(frozen=True)
+class Quality:
+    """Quality of service of a writer; history is keep last."""
+
+    reliable: bool
+    """whether lost messages are sent again; a reader that requests this needs it"""
+    depth: int
+    """most messages that are kept for slow readers"""
+    transient_local: bool = False
+    """whether readers that come later get the last message"""
 
 
-def node_path(node: str, namespace: str, camera: str) -> str:
-    """/NAMESPACE/NODE, where the node has its camera's name if no other is given.
+TF = {
+    "/tf": Quality(reliable=True, depth=100),
+    "/tf_static": Quality(reliable=True, depth=1, transient_local=True),
+}
+"""as tf2's broadcasters have it; its listeners request nothing less"""
 
-    EvsError where that is no name in ROS.
+RELIABLE = ("image_raw", "camera_info", "pose")
+"""reliable as ROS's publishers are by default, with which libcaer_driver sends images; the drivers'
+events and IMU samples, and /clock, are best effort"""
+
+DEPTHS = {"image_raw": 10, "camera_info": 10, "/clock": 1}
+"""depths other than `send_queue_size`: of rmw_qos_profile_default, and of rclcpp::ClockQoS"""
+
+
+def quality_of(name: str, reliable: bool | None, depth: int) -> Quality:
+    """The quality of service of a topic.
+
+    Args:
+        name: A key of PRIVATE or GLOBAL.
+        reliable: The sink's key for all topics but tf; None: as the drivers have it.
+        depth: Depth of topics without one of their own.
     """
-    name = node or camera
-    if _TOKEN.fullmatch(name) is None or "__" in name:
-        key = "node" if node else "camera"
-        fix = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_") or "camera"
-        fix = fix if fix[0].isalpha() else f"camera_{fix}"
-        raise EvsError(
-            f"the {key} '{name}' is not a valid ROS node name (letters, digits and single _, "
-            f"a letter first): set node = {re.sub('__+', '_', fix)}"
-        )
-    parts = [part for part in namespace.split("/") if part]
-    for part in parts:
-        if _TOKEN.fullmatch(part) is None or "__" in part:
-            raise EvsError(
-                f"the namespace '{namespace}' is not valid in ROS: give words of letters, digits "
-                "and _ with / between them, as in robot/head"
-            )
-    return "/" + "/".join([*parts, name])
+    if name in TF:
+        return TF[name]
+    return Quality(name in RELIABLE if reliable is None else reliable, DEPTHS.get(name, depth))

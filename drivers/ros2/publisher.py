@@ -4,20 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from evs.drivers.clock import monotonic_s, sleep_s
+from evs.drivers.files.bags.names import FRAME_KEYS, FrameIds, check_tree, frame_ids, node_path
 from evs.drivers.ros2.event_messages import EventMessageBuilder, check_size, check_start
-from evs.drivers.ros2.messages import Messages, clock_message, rehearse
+from evs.drivers.ros2.messages import Messages, clock_message, rehearse, static_message
 from evs.drivers.ros2.middleware import Participant, checked_domain, interface_of, load
-from evs.drivers.ros2.names import CLOCK, GLOBAL, PRIVATE, TRANSFORMS, node_path
-from evs.drivers.ros2.sender import Sender, TopicQueue
+from evs.drivers.ros2.names import GLOBAL, PRIVATE, Quality, quality_of
+from evs.drivers.ros2.sender import Sender, TopicQueue, Write
 from evs.drivers.ros2.statistics import Statistics
 from evs.drivers.sink import Sink, Stream
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pose, StreamInfo, unknown
 
 INFO_PERIOD_US = 100_000
 """How often camera_info is published where no images are."""
+
+
+class Connection(Protocol):
+    """A presence in ROS 2 that makes writers: middleware.Participant, or a node of rclpy."""
+
+    def writer(self, name: str, kind: str, quality: Quality) -> Write:
+        """Make a writer.
+
+        Args:
+            name: Full name of the topic, such as /camera/events.
+            kind: Type of its messages, such as sensor_msgs/msg/Imu.
+            quality: Its quality of service.
+        """
+
+    def close(self) -> None:
+        """Leave, once all writers are closed."""
 
 
 class Topic:
@@ -59,9 +76,6 @@ class Node:
 LINGER_S = 2.0
 """How long a closing sink sends what still waits."""
 
-TRANSFORMS_DEPTH = 100
-"""Queue depth of tf2, whose listeners require a reliable writer."""
-
 _POLL_S = 0.02
 
 _SETTLE_S = 0.2
@@ -70,8 +84,8 @@ _SETTLE_S = 0.2
 class Ros2Publisher(Sink):
     """A Sink that publishes each camera's topics as metavision_driver and libcaer_driver do.
 
-    Behind /NAMESPACE/NODE: events, imu, camera_info, image_raw, pose; for all: /clock and /tf. Best
-    effort, volatile, keep last `send_queue_size`; `reliable` writers repeat what a reader lacks.
+    Behind /NAMESPACE/NODE: events, imu, camera_info, image_raw, pose; for all: /clock, /tf and
+    /tf_static. Their quality of service is the drivers' (names.py), unless `reliable` is given.
     Nothing is encoded for a topic without a reader. Messages leave by a thread, through a queue of
     `send_queue_size` a topic that drops its oldest: the camera never waits. Stamps are simulated
     time, and none is later than the last /clock, which runs back only where the run's own time
@@ -88,12 +102,15 @@ class Ros2Publisher(Sink):
         domain_id: int = 0,
         interface: str = "",
         insecure: bool = False,
-        reliable: bool = False,
+        reliable: bool | None = None,
         encoding: str = "evt3",
-        frame_id: str = "",
+        camera_frame_id: str = "",
+        imu_frame_id: str = "",
+        link_frame_id: str = "",
         world_frame: str = "world",
         clock: bool = True,
         tf: bool = True,
+        tf_static: bool | None = None,
         event_message_time_threshold: float = 1e-3,
         event_message_size_threshold: int = 1_000_000,
         send_queue_size: int = 1000,
@@ -101,8 +118,12 @@ class Ros2Publisher(Sink):
         wait_for: int = 0,
         wait_s: float = 10.0,
         linger_s: float = LINGER_S,
+        connect: Callable[[], Connection] | None = None,
     ) -> None:
         """Make a publisher that is not open yet; docs/reference/ros2.md describes each argument.
+
+        With `connect`, called when the sink is opened, writers come from what it returns instead of
+        a DDS participant: domain_id, interface and insecure then have no effect.
 
         Raises:
             EvsError: A value that cannot be, or the extra is not installed.
@@ -116,19 +137,26 @@ class Ros2Publisher(Sink):
             if not value >= least:
                 raise EvsError(f"{name} is {value:g}: give {least} or more")
         thresholds = event_message_time_threshold, event_message_size_threshold
-        load()
+        if connect is None:
+            load()
         # wrong values are reported now, and not once the world is loaded
         EventMessageBuilder(encoding, *thresholds)
         Statistics("", statistics_print_interval)
         self._node, self._namespace = node, namespace
         self._domain_id = checked_domain(domain_id)
         self._interface = interface_of(interface, insecure)
+        self._connect = connect
         self._reliable, self._encoding, self._thresholds = reliable, encoding, thresholds
-        self._frame_id, self._world_frame = frame_id, world_frame
-        self._globals = {"/clock": clock, "/tf": tf}
+        self._frame_ids = dict(
+            zip(FRAME_KEYS, (camera_frame_id, imu_frame_id, link_frame_id), strict=True)
+        )
+        self._world_frame = world_frame
+        # with tf = false, a URDF has the frames
+        static = tf if tf_static is None else tf_static
+        self._globals = {"/clock": clock, "/tf": tf, "/tf_static": static}
         self._depth, self._interval_s = send_queue_size, statistics_print_interval
         self._wait_for, self._wait_s, self._linger_s = wait_for, wait_s, linger_s
-        self._participant: Participant | None = None
+        self._connection: Connection | None = None
         self._sender = Sender()
         self._nodes: dict[str, Node] = {}
         self._shared: dict[str, Topic] = {}
@@ -141,6 +169,15 @@ class Ros2Publisher(Sink):
         """Readers of events at the last check, which is at each packet."""
         return sum(node.topics["events"].readers for node in self._nodes.values())
 
+    @property
+    def dropped(self) -> tuple[int, int]:
+        """Messages dropped so far, and events in them."""
+        of_events = [node.topics["events"].queue.counts for node in self._nodes.values()]
+        return (
+            sum(topic.queue.counts.dropped for topic in self._topics()),
+            sum(one.elements_dropped for one in of_events),
+        )
+
     def open(self, streams: Sequence[StreamInfo]) -> None:
         """Enter the domain and wait for readers.
 
@@ -150,7 +187,7 @@ class Ros2Publisher(Sink):
         Raises:
             EvsError: A name, a size or the interface is not valid, or too few readers came in time.
         """
-        if self._participant is not None:
+        if self._connection is not None:
             raise EvsError("this ROS 2 sink is open already: close it first, or make another")
         paths = [self._path(stream, len(streams)) for stream in streams]
         if len(set(paths)) < len(paths):
@@ -158,14 +195,18 @@ class Ros2Publisher(Sink):
         rehearse()
         self._sender, self._nodes, self._shared, self._pending = Sender(), {}, {}, []
         self._clock_us = -(2**62)
-        self._participant = Participant(self._domain_id, self._interface)
+        if self._connect is None:
+            self._connection = Participant(self._domain_id, self._interface)
+        else:
+            self._connection = self._connect()
         try:
             for shared, kind in GLOBAL.items():
                 if self._globals[shared]:
-                    self._shared[shared] = self._topic(shared, kind)
+                    self._shared[shared] = self._topic("", shared, kind)
             for stream, path in zip(streams, paths, strict=True):
                 self._nodes[stream.camera] = self._make_node(stream, path)
             self._sender.start()
+            self._send_static()
             self._await_readers()
         except BaseException:
             self._release()
@@ -232,7 +273,7 @@ class Ros2Publisher(Sink):
 
     def close(self) -> dict[str, Any]:
         """Send what still waits, `linger_s` at most, then leave. Safe to call twice."""
-        if self._participant is not None:
+        if self._connection is not None:
             try:
                 self._send_pending(2**62)
                 for node in self._nodes.values():
@@ -242,6 +283,7 @@ class Ros2Publisher(Sink):
         topics = self._topics()
         counts = [topic.queue.counts for topic in topics]
         of_events = [node.topics["events"].queue.counts for node in self._nodes.values()]
+        messages_dropped, events_dropped = self.dropped
         return {
             "type": "ros2",
             "domain_id": self._domain_id,
@@ -249,9 +291,9 @@ class Ros2Publisher(Sink):
             "messages_sent": {t.name: t.queue.counts.sent for t in topics if t.queue.counts.sent},
             "bytes_sent": sum(one.bytes for one in counts),
             "packets_unread": self._unread,
-            "messages_dropped": sum(one.dropped for one in counts),
+            "messages_dropped": messages_dropped,
             "events_sent": sum(one.elements for one in of_events),
-            "events_dropped": sum(one.elements_dropped for one in of_events),
+            "events_dropped": events_dropped,
         }
 
     @property
@@ -260,7 +302,7 @@ class Ros2Publisher(Sink):
         return transforms is not None and transforms.readers > 0
 
     def _path(self, stream: StreamInfo, count: int) -> str:
-        for key, name in (("node", self._node), ("frame_id", self._frame_id)):
+        for key, name in {"node": self._node, **self._frame_ids}.items():
             if name and count > 1:
                 raise EvsError(
                     f"{key} is '{name}', but there are {count} cameras: leave it out, then each "
@@ -271,12 +313,11 @@ class Ros2Publisher(Sink):
         return node_path(self._node, self._namespace, stream.camera)
 
     def _make_node(self, stream: StreamInfo, path: str) -> Node:
-        name = path.rpartition("/")[2]
-        frame_id = self._frame_id or f"{name}_optical_frame"
-        messages = Messages(stream, frame_id, self._world_frame)
+        frames = self._frames(path)
+        messages = Messages(stream, frames, self._world_frame)
         has = {"imu": stream.imu, "image_raw": stream.frames, "camera_info": messages.has_info}
         topics = {
-            topic: self._topic(f"{path}/{topic}", kind)
+            topic: self._topic(f"{path}/", topic, kind)
             for topic, kind in PRIVATE.items()
             if has.get(topic, True)
         }
@@ -284,19 +325,32 @@ class Ros2Publisher(Sink):
         statistics = Statistics(path, self._interval_s)
         return Node(stream, path, messages, builder, statistics, topics)
 
-    def _topic(self, name: str, kind: str) -> Topic:
-        assert self._participant is not None
-        reliable = self._reliable or kind == TRANSFORMS
-        depth = {TRANSFORMS: TRANSFORMS_DEPTH, CLOCK: 1}.get(kind, self._depth)
-        writer = self._participant.writer(name, kind, reliable=reliable, depth=depth)
-        return Topic(name, self._sender.add_queue(writer, self._depth))
+    def _frames(self, path: str) -> FrameIds:
+        frames = frame_ids(path, **self._frame_ids)
+        if self._globals["/tf"] or self._globals["/tf_static"]:
+            check_tree(frames, self._world_frame if self._globals["/tf"] else None)
+        return frames
+
+    def _topic(self, path: str, name: str, kind: str) -> Topic:
+        assert self._connection is not None
+        quality = quality_of(name, self._reliable, self._depth)
+        writer = self._connection.writer(path + name, kind, quality)
+        return Topic(path + name, self._sender.add_queue(writer, self._depth))
+
+    def _send_static(self) -> None:
+        """Publish the static transforms; readers that come later get them too."""
+        topic = self._shared.get("/tf_static")
+        if topic is not None:
+            nodes = self._nodes.values()
+            found = [node.messages.static_transforms(node.stream.start_us) for node in nodes]
+            self._send(topic, static_message([one for some in found for one in some]))
 
     def _topics(self) -> list[Topic]:
         private = [topic for node in self._nodes.values() for topic in node.topics.values()]
         return [*private, *self._shared.values()]
 
     def _of(self, camera: str) -> Node:
-        if self._participant is None:
+        if self._connection is None:
             raise EvsError("this ROS 2 sink is not open: call open(streams) first")
         node = self._nodes.get(camera)
         if node is None:
@@ -364,9 +418,9 @@ class Ros2Publisher(Sink):
         self._sender.close(self._linger_s)
         for topic in self._topics():
             topic.queue.writer.close()
-        if self._participant is not None:
-            self._participant.close()
-            self._participant = None
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
 
 
 def _sample(node: Node, sample: Any) -> Callable[[], bytes]:

@@ -21,11 +21,10 @@ from evs.drivers.run import driver_parameters
 from evs.drivers.run.driver_parameters import DriverParameters
 from evs.drivers.run.paths import beside, in_package, with_paths
 from evs.drivers.sink import SINK_TYPES, Sink
-from evs.emulator.base import registry
 from evs.emulator.config import RunConfig
 from evs.emulator.config.schema import LoopConfig
 from evs.emulator.render.registry import SEEDS
-from evs.msgs import EvsError, nearest_first, unknown
+from evs.msgs import EvsError, nearest_first, registry, unknown
 from evs.msgs.lockstep import LOCKSTEP_ADDRESS
 
 T = TypeVar("T")
@@ -64,15 +63,17 @@ class SinkConfig(DriverParameters):
     """[[sink]]: one destination of the packets. Any number of tables."""
 
     type: str = ""
-    """zmq | dv | ros2 | rerun, or the format of a recording: aedat4 | ... (evs convert --help)"""
+    """zmq | dv | ros2 | rerun | foxglove, or the format of a recording: aedat4 | ... (evs convert
+    --help)"""
     address: str | None = None
-    """zmq, dv: address to bind, as in tcp://127.0.0.1:5560; dv: the port of the events"""
+    """zmq, dv, foxglove: address to bind, as in tcp://127.0.0.1:5560; dv: the port of the
+    events"""
     wait_for: int | None = None
-    """zmq, dv, ros2: number of event subscribers to wait for before the first tick"""
+    """zmq, dv, ros2, foxglove: number of event subscribers to wait for before the first tick"""
     wait_s: float | None = None
-    """zmq, dv, ros2: how long to wait for them, s"""
+    """zmq, dv, ros2, foxglove: how long to wait for them, s"""
     queue: int | None = None
-    """zmq, dv: packets queued for a slow subscriber before packets are dropped"""
+    """zmq, dv, foxglove: packets queued for a slow subscriber before packets are dropped"""
     control: str | None = None
     """zmq: control port, which describes the camera and its topics and takes requests (evs
     topics)"""
@@ -86,23 +87,29 @@ class SinkConfig(DriverParameters):
     """zmq: public keys of the clients that may subscribe (files, folders, or the keys themselves);
     not given: every client that has the publisher's public key"""
     insecure: bool | None = None
-    """zmq, dv, ros2: true: other machines may subscribe without a key"""
+    """zmq, dv, ros2, foxglove: true: other machines may subscribe without a key"""
     file: str | None = None
     """recordings: the file to write"""
     overwrite: bool | None = None
-    """recordings, rerun: true: replace an existing file; not given: as for the whole run"""
+    """recordings, rerun, foxglove: true: replace an existing file; not given: as for the whole
+    run"""
     compression: str | None = None
     """aedat4, dv: lz4 | zstd | none"""
     encoding: str | None = None
-    """ros2, rosbag2, rosbag1: evt3 | libcaer | mono (event_camera_msgs); bags: dvs (dvs_msgs)"""
+    """ros2, foxglove, rosbag2, rosbag1: evt3 | libcaer | libcaer_cmp | mono (event_camera_msgs);
+    bags: dvs (dvs_msgs)"""
     rotate_mb: float | None = None
     """aedat4: largest size of a file, MB; the recording continues in run-001.aedat4, ..."""
     rotate_s: float | None = None
     """aedat4: longest simulated time of a file, s; the recording continues in the next file"""
     rrd: str | None = None
     """rerun: the file to write, for Rerun's viewer"""
+    mcap: str | None = None
+    """foxglove: the file to write, for Foxglove; not given: address is served"""
     period_us: int | None = None
-    """rerun: simulated time between two pictures, us"""
+    """rerun, foxglove: simulated time between two pictures, us"""
+    points: int | None = None
+    """rerun: most points of each picture's cloud of events in x, y and time; 0: no cloud"""
     aside: bool | None = None
     """true: run the sink in its own process, so it costs the camera only a copy; not given: as for
     the whole run; worker, worker_mb and worker_cores are other names of these three keys"""
@@ -111,14 +118,28 @@ class SinkConfig(DriverParameters):
     aside_cores: tuple[int, ...] | None = None
     """aside: processor cores that the process may use; not given: the cores of the camera"""
 
+    @property
+    def target(self) -> str | None:
+        """The file that it writes, whatever its key."""
+        return self.file or self.rrd or self.mcap
+
+    def at(self, target: str) -> SinkConfig:
+        """The same sink that writes another file."""
+        return dataclasses.replace(
+            self,
+            file=self.file and target,
+            rrd=self.rrd and target,
+            mcap=self.mcap and target,
+        )
+
 
 SINK_PLACES = {name: kind.place for name, kind in SINK_TYPES.items()} | {
-    kind.name: "file" for kind in formats.FORMATS
+    kind.name: "file" for kind in formats.RECORDED
 }
 """sink type -> the key that every such table needs; empty: none"""
 
 SINK_KEYS = {name: kind.keys for name, kind in SINK_TYPES.items()} | {
-    kind.name: kind.options for kind in formats.FORMATS
+    kind.name: kind.options for kind in formats.RECORDED
 }
 """sink type -> the other keys that it has"""
 
@@ -231,7 +252,7 @@ class PipelineConfig(RunConfig):
         if self.overwrite:
             every = [
                 dataclasses.replace(sink, overwrite=True)
-                if (sink.file or sink.rrd) and sink.overwrite is None
+                if sink.target and sink.overwrite is None
                 else sink
                 for sink in every
             ]
@@ -389,10 +410,9 @@ def settled(tables: Iterable[SinkConfig], beside: bool) -> list[SinkConfig]:
     """
     placed = []
     for table in tables:
-        file = table.file or table.rrd
+        file = table.target
         if file and beside:
-            free = numbered_path(file, free_number([file]))
-            table = dataclasses.replace(table, file=table.file and free, rrd=table.rrd and free)
+            table = table.at(numbered_path(file, free_number([file])))
         elif file and not table.overwrite:
             check_new([file], FORCE)
         placed.append(table)
@@ -409,7 +429,7 @@ def make_sink(config: SinkConfig) -> Sink:
             # made here too, so that a bad value is reported before anything starts
             make_sink(plain),
             settings.to_plain(plain),
-            lossless=bool(config.file or config.rrd),
+            lossless=bool(config.target),
             ring_mb=config.aside_mb,
             cores=config.aside_cores,
         )
@@ -468,12 +488,38 @@ def about(file: Path) -> str:
     return re.split(r"[.:;](?:\s|$)", " ".join(head))[0]
 
 
+def sinks_of(words: Iterable[str]) -> list[SinkConfig]:
+    """The sinks that words of a command line describe, as in sink.0.type=dv.
+
+    Args:
+        words: Only keys of sinks.
+
+    Returns:
+        Their tables, checked.
+
+    Raises:
+        EvsError: A bad value, with the path to it.
+    """
+    found = PipelineConfig()
+    for key, text in map(settings.split_word, words):
+        if not key.startswith("sink."):
+            raise EvsError(f"no key '{key}' here: give those of sinks, as in sink.0.type=dv")
+        found = settings.override(found, resolved_key(key), text)
+    for place, sink in enumerate(found.sink):
+        _check_sink(sink, f"sink.{place}")
+        for key in driver_parameters.OF_THE_SENSOR:
+            if getattr(sink, key) is not None:
+                raise EvsError(f"at sink.{place}.{key}: changes the sensor, and there is none")
+    return settled(found.sinks(), beside=False)
+
+
 def _check_sink(sink: SinkConfig, path: str) -> None:
     if sink.type not in SINK_KEYS:
         raise _at(f"{path}.type", unknown("sink type", sink.type, SINK_KEYS))
     place = SINK_PLACES[sink.type]
     own = (place, *SINK_KEYS[sink.type]) if place else SINK_KEYS[sink.type]
-    also = (*(FILE_KEYS if place in ("file", "rrd") else ()), *ASIDE_KEYS)
+    writes = place in ("file", "rrd") or sink.mcap
+    also = (*(FILE_KEYS if writes else ()), *ASIDE_KEYS)
     for field in dataclasses.fields(sink):
         if field.name not in ("type", *own, *also) and getattr(sink, field.name) is not None:
             has = ", ".join(own)
@@ -506,12 +552,16 @@ def _check_held(config: PipelineConfig) -> None:
 
 def _check_outputs(config: PipelineConfig, pipeline: Path | None) -> None:
     """Refuse files that are written twice, or written and read: one of the two would be lost."""
-    inputs = [Path(file) for file in (config.scene.file, config.scene.control_file) if file]
+    inputs = [
+        Path(file)
+        for file in (config.scene.file, config.scene.control_file, config.camera.trajectory)
+        if file
+    ]
     if pipeline is not None:
         inputs.append(pipeline)
     read = {_place(path) for path in inputs}
     recorded: set[Path] = set()
-    for file in (file for sink in config.sinks() if (file := sink.file or sink.rrd)):
+    for file in (file for sink in config.sinks() if (file := sink.target)):
         path = _place(file)
         if path in recorded:
             raise EvsError(f"two sinks record to '{path}'; give each its own file")

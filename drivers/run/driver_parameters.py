@@ -21,24 +21,35 @@ class DriverParameters:
 
     type: str = ""
     node: str | None = None
-    """ros2: name of the node, as in /NODE/events; the camera's name if not given"""
+    """ros2, rosbag2: name of the node, as in /NODE/events; the camera's name if not given"""
     namespace: str | None = None
-    """ros2: namespace of the node, as in robot/head"""
+    """ros2, rosbag2: namespace of the node, as in robot/head"""
     domain_id: int | None = None
     """ros2: domain, 0 ... 232, as ROS_DOMAIN_ID for ROS nodes; the environment variable is not
     read"""
     interface: str | None = None
     """ros2: network interface, by name or address; lo if not given (with insecure: any)"""
     reliable: bool | None = None
-    """ros2: true: reliable QoS, lost messages are sent again; real drivers are best effort"""
-    frame_id: str | None = None
-    """ros2: the camera's frame (x right, y down, z forward); NODE_optical_frame if not given"""
+    """ros2: true: all topics have reliable QoS, lost messages are sent again; false: all but tf are
+    best effort; not given: as in real drivers, images, camera_info and poses are reliable"""
+    camera_frame_id: str | None = None
+    """ros2, rosbag2: frame of events and images (x right, y down, z forward); NODE_optical_frame
+    if not given"""
+    imu_frame_id: str | None = None
+    """ros2, rosbag2: frame of IMU samples; NODE_imu_frame if not given"""
+    link_frame_id: str | None = None
+    """ros2, rosbag2: the camera's body (x forward, y left, z up), the parent of these two on
+    /tf_static; NODE_link if not given"""
     world_frame: str | None = None
-    """ros2: reference frame of the poses"""
+    """ros2, rosbag2: reference frame of the poses"""
     clock: bool | None = None
     """ros2: publish /clock; only one of several publishers may"""
     tf: bool | None = None
-    """ros2: publish the pose on /tf"""
+    """ros2, rosbag2: publish the pose of the camera's body on /tf; false if a URDF has that
+    frame"""
+    tf_static: bool | None = None
+    """ros2, rosbag2: publish the camera's frames within its body on /tf_static; as tf if not
+    given"""
     event_message_time_threshold: float | None = None
     """ros2: shortest time span of an event message, s"""
     event_message_size_threshold: int | None = None
@@ -61,7 +72,8 @@ OF_THE_SENSOR = ("roi", "erc_mode", "erc_rate")
 
 KEYS = (
     *("node", "namespace", "domain_id", "interface", "insecure", "reliable", "encoding"),
-    *("frame_id", "world_frame", "clock", "tf", "send_queue_size", "wait_for", "wait_s"),
+    *("camera_frame_id", "imu_frame_id", "link_frame_id", "world_frame", "clock"),
+    *("tf", "tf_static", "send_queue_size", "wait_for", "wait_s"),
     *("event_message_time_threshold", "event_message_size_threshold"),
     *("statistics_print_interval", *OF_THE_SENSOR),
 )

@@ -36,6 +36,7 @@ def with_run_paths(config: R, change: Change) -> R:
     return dataclasses.replace(
         config,
         scene=_changed(config.scene, ["file", "control_file"], change),
+        camera=_changed(config.camera, ["trajectory"], change),
         sensor=dataclasses.replace(sensor, readout=readout),
         model=_changed(config.model, ["network"] if is_file else [], change),
     )
@@ -51,7 +52,8 @@ def _with_sink_paths(config: Any, change: Change) -> Any:
         return dataclasses.replace(_changed(table, [key], change), **{allow: kept})
 
     sinks = tuple(
-        with_keys(_changed(sink, ["rrd", "file"], change), "key", "allow") for sink in config.sink
+        with_keys(_changed(sink, ["rrd", "mcap", "file"], change), "key", "allow")
+        for sink in config.sink
     )
     config = _changed(config, ["record", "report"], change)
     config = with_keys(config, "publish_key", "publish_allow")

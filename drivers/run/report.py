@@ -70,6 +70,8 @@ class Report:
     """lock-step: address, episodes, steps, restores, saves, controllers (that joined), ..._lost,
     refused and repeated requests, decision_ms {median, p99} that the world waited for each, and
     packets and events that the delay model lost, the files that were recorded"""
+    sensor_changes: list[dict[str, Any]] = field(default_factory=list)
+    """parameters that a client changed: t_us, from which on they hold, camera, values"""
     warnings: list[str] = field(default_factory=list)
     versions: dict[str, str] = field(default_factory=dict)
     config: dict[str, Any] = field(default_factory=dict)

@@ -13,6 +13,7 @@ from evs.drivers.run.config import PipelineConfig
 from evs.drivers.run.progress import Progress
 from evs.drivers.run.report import Report
 from evs.drivers.run.run_loop import RunLoop
+from evs.drivers.run.sensor_control import SensorControl
 from evs.drivers.run.sink_set import SinkSet
 from evs.drivers.run.statistics import RunWorld
 from evs.drivers.run.stop_signals import stop_signals
@@ -105,8 +106,9 @@ class _TimedRun(RunLoop):
         observers: Sequence[Observer],
         warn: Callable[[str], None] | None,
     ) -> None:
-        self._sink_set = SinkSet(sinks, watch, self.warn)
-        super().__init__(world, self._sink_set, watch, pacer, warn)
+        sensors = SensorControl(world)
+        self._sink_set = SinkSet(sinks, watch, self.warn, sensors)
+        super().__init__(world, self._sink_set, watch, pacer, warn, sensors)
         self._duration_s, self._progress, self._observers = duration_s, progress, observers
         self._begin_us = world.t_us
         self._ticks = 0

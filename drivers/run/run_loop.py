@@ -13,6 +13,7 @@ from typing import Any, Protocol
 from evs.drivers.clock import Pacer, StopWatch
 from evs.drivers.run.pace_monitor import PaceMonitor
 from evs.drivers.run.report import COMPLETE, Report
+from evs.drivers.run.sensor_control import SensorControl
 from evs.drivers.run.sink_set import AuxiliaryStreams
 from evs.drivers.run.statistics import RunStatistics, RunWorld
 from evs.msgs import EventPacket, Pace
@@ -52,6 +53,7 @@ class RunLoop(ABC):
         watch: StopWatch,
         pacer: Pacer,
         warn: Callable[[str], None] | None,
+        sensors: SensorControl | None = None,
     ) -> None:
         """Make a run that has not begun.
 
@@ -61,11 +63,13 @@ class RunLoop(ABC):
             watch: The meter that the world laps.
             pacer: What a tick waits for before its packets leave.
             warn: Gets a line for each thing that is legal but hardly meant.
+            sensors: What clients of the sinks change; None: nothing.
         """
         self.world, self.watch, self.pacer = world, watch, pacer
         self._sinks, self._warn = sinks, warn
         self.pace_monitor = PaceMonitor(pacer, self.warn)
         self.statistics = RunStatistics(world, watch)
+        self._sensors = sensors
         self.warnings = list(world.left_out)
         self.ended = COMPLETE
         self.began = False
@@ -145,6 +149,7 @@ class RunLoop(ABC):
                 warnings=self.warnings,
                 config=dict(config or {}),
                 loop=self.describe(),
+                sensor_changes=self._sensors.changes if self._sensors else (),
             )
             if on_report is not None and self.began:
                 on_report(report)

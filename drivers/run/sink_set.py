@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
+from evs.drivers.run.sensor_control import SensorControl
 from evs.drivers.sink import Sink, SinkStoppedError, Stream
 from evs.emulator.base.protocols import Meter
 from evs.emulator.base.scene import F32, GroundTruth
@@ -59,15 +60,22 @@ class SinkSet:
     the others go on; the error is raised where no other sink is left.
     """
 
-    def __init__(self, sinks: Sequence[Sink], meter: Meter, warn: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        sinks: Sequence[Sink],
+        meter: Meter,
+        warn: Callable[[str], None],
+        sensors: SensorControl | None = None,
+    ) -> None:
         """Make a set of sinks that are not open yet.
 
         Args:
             sinks: In the order in which they are opened and written to.
             meter: Every sink gets it before it is opened.
             warn: Called with one line for each sink that stops.
+            sensors: Every sink gets it before it is opened.
         """
-        self._meter, self._warn = meter, warn
+        self._meter, self._warn, self._sensors = meter, warn, sensors
         self._all = tuple(sinks)
         self._begun: list[Sink] = []
         self._use(self._all)
@@ -91,7 +99,7 @@ class SinkSet:
         for sink in self._all:
             # a sink that failed to open may hold something already: it is closed too
             self._begun.append(sink)
-            sink.meter = self._meter
+            sink.meter, sink.sensors = self._meter, self._sensors
             with disk_errors():
                 sink.open(infos)
 
@@ -130,6 +138,22 @@ class SinkSet:
                 for sink in self._takers[Stream.IMU]:
                     self._give(sink, sink.write_imu, camera.imu_packet)
             self._write_wanted(camera, t_us)
+
+    def write_recorded(
+        self, message: EventPacket | Frame | ImuPacket | TriggerPacket, info: StreamInfo
+    ) -> None:
+        """Hand a message of a recording to the sinks that want its kind."""
+        if isinstance(message, EventPacket):
+            self.write([message])
+        elif isinstance(message, Frame):
+            for sink in self._takers[Stream.FRAMES]:
+                self._give(sink, sink.write_frame, message)
+        elif isinstance(message, ImuPacket):
+            for sink in self._takers[Stream.IMU]:
+                self._give(sink, sink.write_imu, message)
+        else:
+            for sink in self._takers[Stream.TRIGGERS] if info.triggers else ():
+                self._give(sink, sink.write_triggers, message)
 
     def write_pace(self, pace: Pace) -> None:
         """Hand over how the run keeps its pace."""

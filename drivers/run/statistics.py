@@ -175,6 +175,7 @@ class RunStatistics:
         config: dict[str, Any],
         pace: dict[str, Any] | None = None,
         loop: dict[str, Any] | None = None,
+        sensor_changes: Sequence[dict[str, Any]] = (),
     ) -> Report:
         """Return the report of the whole run; arguments as its fields."""
         cameras = self._world.cameras
@@ -208,6 +209,7 @@ class RunStatistics:
             sinks=sinks,
             pace=pace or {},
             loop=loop or {},
+            sensor_changes=list(sensor_changes),
             warnings=warnings,
             versions={**versions(), **known},
             config=config,

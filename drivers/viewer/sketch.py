@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.pictures.colours import OFF_RGB, ON_RGB
 from evs.drivers.viewer.windows import NOTHING, OFF, ON
+from evs.msgs.pictures import OFF_RGB, ON_RGB
 
 # Unicode's braille patterns: the bit of each dot of a cell of 4 rows and 2 columns
 _DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -11,14 +13,17 @@ import tempfile
 import threading
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import numpy.typing as npt
 
 from evs.drivers.files.paths import target_error
-from evs.drivers.pictures.colours import OFF_RGB, ON_RGB, PAPER
+from evs.drivers.sink import Stream
+from evs.drivers.viewer.cloud import EventCloud
 from evs.drivers.viewer.windows import NOTHING, OFF, ON, Window
-from evs.msgs import EvsError, Frame, StreamInfo
+from evs.msgs import EventPacket, EvsError, Frame, Pose, StreamInfo
+from evs.msgs.pictures import OFF_RGB, ON_RGB, PAPER
 
 APPLICATION = "evs"
 TIMELINE = "sim_time"
@@ -37,15 +42,21 @@ def need_viewer() -> Any:
     return rerun
 
 
-class Drawing:
+class RerunDrawing:
     """A stream of pictures for the viewer, into a file or to a running one.
 
     Under each camera's name: events (by pixel: none, OFF, ON), rate/on and rate/off (events per
-    simulated second), luminance, frames, pose; all on the timeline of simulated time.
+    simulated second), luminance, frames, pose; all on the timeline of simulated time. With points,
+    also cloud: the events of the last SPAN_US at x px, y px, age ms.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, points: int = 0) -> None:
+        """Make one without a destination; `points` is the most of a cloud, 0 for none."""
+        if points < 0:
+            raise EvsError(f"points is {points}: give 0 (no cloud) or more")
         self._rerun = need_viewer()
+        self._points = points
+        self._clouds: dict[str, EventCloud] = {}
         self._stream = self._rerun.RecordingStream(APPLICATION, send_properties=False)
         # no wall-clock times, neither of the file nor of what is drawn
         self._stream.set_log_time_enabled(False)
@@ -93,11 +104,45 @@ class Drawing:
                     resolution=[stream.width, stream.height],
                 )
                 self._stream.log(f"{root}/pose", optics, static=True)
+            if self._points:
+                self._describe_cloud(root)
+
+    def _describe_cloud(self, root: str) -> None:
+        """A view of its own: its space is not the world's."""
+        if root in self._clouds:
+            return
+        self._clouds[root] = EventCloud(self._points)
+        axes = self._rerun.ViewCoordinates.RIGHT_HAND_Y_DOWN
+        self._stream.log(f"{root}/cloud", axes, static=True)
+        views = self._rerun.blueprint
+        self._stream.send_blueprint(
+            views.Blueprint(
+                *(
+                    views.Spatial3DView(origin=f"{camera}/cloud", name=f"{camera}: x, y, age")
+                    for camera in self._clouds
+                ),
+                auto_views=True,
+                auto_layout=True,
+            )
+        )
+
+    def wants(self, stream: Stream, camera: str) -> bool:  # noqa: ARG002
+        """Everything is wanted: a viewer keeps what it gets."""
+        return True
+
+    def events(self, packet: EventPacket) -> None:
+        """Keep them for the cloud, if there is one."""
+        if self._points:
+            self._clouds[packet.camera].add(packet.events)
 
     def window(self, window: Window) -> None:
-        """Events and rates."""
+        """Events, rates and cloud."""
         rerun, root = self._rerun, window.camera
         self._at(window.end_us)
+        if self._points:
+            places, on = self._clouds[root].points(window.end_us)
+            colours = np.array([OFF_RGB, ON_RGB], np.uint8)[on.astype(np.intp)]
+            self._stream.log(f"{root}/cloud", rerun.Points3D(places, colors=colours))
         self._stream.log(f"{root}/events", rerun.SegmentationImage(window.picture))
         self._stream.log(f"{root}/rate/on", rerun.Scalars([window.on_hz]))
         self._stream.log(f"{root}/rate/off", rerun.Scalars([window.off_hz]))
@@ -112,18 +157,12 @@ class Drawing:
         self._at(t_us)
         self._stream.log(f"{camera}/luminance", self._rerun.Image(picture))
 
-    def pose(
-        self,
-        camera: str,
-        t_us: int,
-        position: tuple[float, float, float],
-        orientation: tuple[float, float, float, float],
-    ) -> None:
-        """The camera's pose in the world: position, m, and a quaternion (x, y, z, w)."""
-        turn = self._rerun.Quaternion(xyzw=list(orientation))
-        place = self._rerun.Transform3D(translation=list(position), quaternion=turn)
-        self._at(t_us)
-        self._stream.log(f"{camera}/pose", place)
+    def pose(self, pose: Pose) -> None:
+        """The camera's pose in the world."""
+        turn = self._rerun.Quaternion(xyzw=list(pose.orientation))
+        place = self._rerun.Transform3D(translation=list(pose.position), quaternion=turn)
+        self._at(pose.t_us)
+        self._stream.log(f"{pose.camera}/pose", place)
 
     def close(self) -> None:
         """Send everything that waits, and disconnect."""
@@ -135,18 +174,64 @@ class Drawing:
         self._stream.set_time(TIMELINE, duration=np.timedelta64(t_us, "us"))
 
 
-def open_window() -> tuple[subprocess.Popen[bytes], Path, int]:
-    """Start the viewer, with telemetry off by a configuration of our own; the user's is unchanged.
+class ViewerProgram:
+    """Rerun's viewer as a program, with telemetry off; the user's configuration is unchanged."""
 
-    Returns:
-        Its process, a folder to remove when the process has ended, and its port.
-    """
-    need_viewer()
+    def __init__(self, *, web: bool) -> None:
+        """Start it, reachable from this machine only.
+
+        Args:
+            web: Serve the viewer to a browser, in place of a window.
+        """
+        need_viewer()
+        self.port = _free_port()
+        """where it takes data"""
+        self.url = ""
+        """what a browser opens; empty for a window"""
+        self._folder = Path(tempfile.mkdtemp(prefix="evs-view-"))
+        words = [*PROGRAM, "--port", str(self.port), "--bind", "127.0.0.1"]
+        if web:
+            page = _free_port()
+            words += ["--serve-web", "--web-viewer-port", str(page)]
+            source = quote(f"rerun+http://127.0.0.1:{self.port}/proxy", safe="")
+            self.url = f"http://127.0.0.1:{page}/?url={source}"
+        else:
+            words += ["--hide-welcome-screen"]
+        self._process = subprocess.Popen(
+            words,
+            env=quiet_environment(self._folder),
+            # the server logs each connection
+            stderr=subprocess.DEVNULL if web else None,
+        )
+
+    @property
+    def is_running(self) -> bool:
+        """Whether it still runs: a user closes a window."""
+        return self._process.poll() is None
+
+    def wait(self) -> None:
+        """Wait until the user ends it."""
+        self._process.wait()
+
+    def close(self) -> None:
+        """End it, and remove its folder."""
+        # it is a program within a program, which passes on only an interrupt
+        self._process.send_signal(signal.SIGINT)
+        try:
+            self._process.wait(_PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+_PATIENCE_S = 5.0
+"""How long an interrupted viewer may take to end."""
+
+
+def _free_port() -> int:
     with socket.create_server(("127.0.0.1", 0)) as probe:
-        port = int(probe.getsockname()[1])
-    folder = Path(tempfile.mkdtemp(prefix="evs-view-"))
-    words = [*PROGRAM, "--port", str(port), "--bind", "127.0.0.1", "--hide-welcome-screen"]
-    return subprocess.Popen(words, env=quiet_environment(folder)), folder, port
+        return int(probe.getsockname()[1])
 
 
 def quiet_environment(folder: Path) -> dict[str, str]:

@@ -73,6 +73,12 @@ class WindowBuilder:
             self._end_us += self._period_us
         self._take(events)
 
+    def restart(self) -> None:
+        """Forget what was gathered: packets were left out."""
+        if self._end_us is not None:
+            self._clear()
+            self._end_us = None
+
     def rest(self) -> Iterator[Window]:
         """Yield the last window, which is incomplete, if it has any event."""
         if self._on + self._off:

@@ -124,6 +124,21 @@ class EventModel(Protocol):
     def features(self) -> Mapping[str, bool]:
         """Which code paths it runs, by the names of evs.emulator.base.features.FEATURES."""
 
+    @property
+    def adjustable(self) -> tuple[str, ...]:
+        """Keys of [sensor] that may change while it runs."""
+
+    def take_over(self, state: Any, before: EventModel) -> Any:
+        """Go on from the state of a model that had other values of `adjustable` until now.
+
+        Args:
+            state: Of the other model; it is consumed.
+            before: That model.
+
+        Raises:
+            EvsError: They differ in more; the state has not changed.
+        """
+
     def init(self, seed: int) -> Any:
         """The state before the first tick."""
 

@@ -23,11 +23,11 @@ from evs.emulator.camera.camera_plan import (
 from evs.emulator.camera.pixels import DoneTick, Pixels
 from evs.emulator.camera.scene_plan import ScenePlan, is_unlit, plan_scene
 from evs.emulator.config import SceneConfig, SensorConfig
-from evs.emulator.config.plain_values import plain_config
+from evs.emulator.config.plain_values import plain_config, with_keys
 from evs.emulator.optics import camera_info
 from evs.emulator.optics.camera_info import pose_message
 from evs.emulator.render import flicker_warnings
-from evs.emulator.sensor import SensorParameters, completed, resolve_sensor
+from evs.emulator.sensor import SensorParameters, completed, preset_biases, resolve_sensor
 from evs.emulator.state import Saved, joined, number, numbers, part
 from evs.emulator.state.versions import versions
 from evs.emulator.world import BoundCamera, MjModel, warn_left_out
@@ -42,6 +42,7 @@ from evs.msgs import (
     clear_causes,
     empty_imu,
     take_labels,
+    unknown,
 )
 
 
@@ -218,6 +219,43 @@ class Camera:
             )
 
         return put
+
+    def adjust(self, **keys: object) -> None:
+        """Change parameters of the sensor while it runs, from the next tick on.
+
+        Pixels keep their state. A still pixel that a lower threshold has passed fires in the next
+        tick, as in a real chip. With another sensor a saved state is another camera's.
+
+        Args:
+            **keys: Of `adjustable`: keys of [sensor], as in `pos_thres=0.3`, and the chip's biases,
+                as in `**{"biases.bias_diff_on": 20}`.
+
+        Raises:
+            EvsError: Another key, a value out of its range, or one that switches a term on or off;
+                nothing has changed.
+        """
+        known = self.adjustable
+        for key in keys:
+            if key not in known:
+                raise unknown("parameter that changes while a camera runs", key, known)
+        sensor = plain_config(with_keys(self._plan.sensor, keys, "sensor"), "sensor")
+        made = resolve_sensor(sensor)
+        self._pixels.adjust(made)
+        self._plan, self.sensor = replace(self._plan, sensor=sensor), made
+        config = {**self._info.config, "sensor": completed(asdict(sensor), made)}
+        self._info = replace(self._info, config=config)
+
+    @property
+    def adjustable(self) -> tuple[str, ...]:
+        """Keys of [sensor] that `adjust` takes: those of the event model, and the chip's biases."""
+        biases = preset_biases(self._plan.sensor.preset)
+        names = () if biases is None else biases.values
+        return (*self._pixels.adjustable, *(f"biases.{name}" for name in names))
+
+    @property
+    def sensor_config(self) -> SensorConfig:
+        """[sensor] as it is now: `sensor` is what it resolves to."""
+        return self._plan.sensor
 
     def _latency_us(self, pixels: Pixels) -> int:
         return pixels.latency_us + round(self._plan.render.delay_ticks * self._tick_us)

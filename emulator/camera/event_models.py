@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.protocols import EventModel
-from evs.emulator.base.registry import load
 from evs.emulator.config import ModelConfig
 from evs.emulator.sensor.parameters import ModelRequest, SensorParameters
 from evs.msgs import EvsError, unknown
+from evs.msgs.registry import load
 
 MAX_CHUNK = 256
 """Ticks; longer chunks bring no speed any more."""
@@ -54,7 +54,7 @@ def make_event_model(
         spp: Samples a pixel of light with noise, 0 without: a family of networks has a member for
             it.
         switches: Code paths that are forced on or off.
-        isa: auto, avx512, avx2 or portable.
+        isa: auto, avx512, avx2, neon or portable.
 
     Raises:
         EvsError: No such model, or it cannot be of this sensor.

@@ -7,6 +7,7 @@ full, then the events of all its ticks come out, tick by tick, the same as with 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,7 +58,15 @@ class Pixels:
         Raises:
             EvsError: The model makes no sense for this sensor.
         """
-        self._model = make_event_model(sensor, model, threads, spp, switches, isa)
+        self._make = partial(
+            make_event_model,
+            model=model,
+            threads=threads,
+            spp=spp,
+            switches=switches,
+            isa=isa,
+        )
+        self._model = self._make(sensor)
         self._readout = make_readout(sensor, switches)
         self._shape = (int(sensor.height), int(sensor.width))
         self._seed = seed
@@ -116,6 +125,26 @@ class Pixels:
             self._light[: len(light)] = light
 
         return put
+
+    def adjust(self, sensor: SensorParameters) -> None:
+        """Go on with other values of `adjustable` from the next light on.
+
+        With a chunk, light that waits is seen with the new values too.
+
+        Args:
+            sensor: The sensor, resolved.
+
+        Raises:
+            EvsError: The event model cannot; nothing has changed.
+        """
+        model = self._make(sensor)
+        self._state = model.take_over(self._state, self._model)
+        self._model = model
+
+    @property
+    def adjustable(self) -> tuple[str, ...]:
+        """Keys of [sensor] that `adjust` may change."""
+        return self._model.adjustable
 
     def see(self, luminance: F32, begin_us: int, end_us: int) -> list[DoneTick]:
         """See the light at the end of a tick. The first light is the reference.

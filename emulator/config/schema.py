@@ -64,6 +64,20 @@ class CameraConfig:
     """mounted camera: orientation in the body's frame (w, x, y, z); it looks along its -z"""
     xyaxes: tuple[float, float, float, float, float, float] | None = None
     """mounted camera: its x and y axes in the body's frame, instead of quat"""
+    trajectory: str = ""
+    """file of poses that the camera goes through, in the world or in the frame of `body`: lines of
+    t x y z qx qy qz qw (TUM), or a CSV with a header (EuRoC); its first pose is at time 0"""
+    trajectory_axes: str = "optical"
+    """whose poses they are. optical: x right, y down, z forward, as in ROS and OpenCV | camera: x
+    right, y up, looking along -z, as in MuJoCo and Blender"""
+    shake_m: float = 0.0
+    """any camera: random motion, rms along each axis, m"""
+    shake_deg: float = 0.0
+    """any camera: random turning, rms around each axis, degrees"""
+    shake_hz: float = 5.0
+    """middle frequency of that: 5 Hz is a hand, 50 Hz a motor"""
+    shake_seed: int = 0
+    """what it follows from"""
     fovy: float | None = None
     """vertical field of view, degrees; None: that of the model's camera"""
     focal_px: tuple[float, float] | None = None
@@ -146,8 +160,8 @@ class RenderConfig:
     incremental: bool = True
     """trace again only the pixels that a motion can affect; the result is the same bit for bit"""
     isa: str = "auto"
-    """auto | avx512 | avx2 | portable: the instruction set of renderer, pixels and networks; the
-    result is the same bit for bit"""
+    """auto | avx512 | avx2 | neon | portable: the instruction set of renderer, pixels and networks;
+    the result is the same bit for bit"""
     flicker: tuple[FlickerConfig, ...] = ()
 
     @property

@@ -1,4 +1,4 @@
-# Out: EVS_NATIVE_ISA, the best instruction set of this machine: avx512, avx2 or portable.
+# Out: EVS_NATIVE_ISA, the best instruction set of this machine: avx512, avx2, neon or portable.
 # The conditions are those of base/isa.cpp.
 set(question "
 #include <cstdio>
@@ -10,6 +10,10 @@ int main() {
     std::puts(\"avx512\");
   } else if (__builtin_cpu_supports(\"avx2\") && __builtin_cpu_supports(\"fma\")) {
     std::puts(\"avx2\");
+  } else
+#elif defined(__aarch64__)
+  if (true) {
+    std::puts(\"neon\");
   } else
 #endif
     std::puts(\"portable\");

@@ -119,6 +119,18 @@ class EvsNetModel:
         """The network: its name and a digest of its numbers."""
         return {"network": self._network}
 
+    @property
+    def adjustable(self) -> tuple[str, ...]:
+        """The thresholds; the sensor's other parameters have no effect on a network."""
+        return ("pos_thres", "neg_thres")
+
+    def take_over(self, state: NetworkState, before: object) -> NetworkState:
+        """EventModel.take_over; membranes beyond a new threshold are moved back below it."""
+        if not isinstance(before, EvsNetModel) or before.versions != self.versions:
+            raise EvsError("other event models cannot hand their pixels over; make another camera")
+        state.v[:] = self._below_thresholds(state.v)
+        return state
+
     def init(self, seed: int) -> NetworkState:
         """The state before the first tick."""
         return NetworkState.dark(
@@ -178,8 +190,11 @@ class EvsNetModel:
         share = 2.0 * pixel_uniforms(seed, Term.INTERNAL_STATE, width, height) - 1.0
         v = np.where(share > 0, share * np.float64(self._on), share * np.float64(self._off))
         # rounded to a threshold, a still pixel would fire
+        return self._below_thresholds(v.astype(np.float32))
+
+    def _below_thresholds(self, v: F32) -> F32:
         below, zero = np.nextafter, np.float32(0)
-        return np.clip(v.astype(np.float32), below(-self._off, zero), below(self._on, zero))
+        return np.clip(v, below(-self._off, zero), below(self._on, zero))
 
     def _checked(self, luminance: F32, state: NetworkState, t_begin_us: int, tick_us: int) -> F32:
         """The light as runtimes want it. Raises EvsError where it cannot be stepped."""

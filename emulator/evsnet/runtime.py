@@ -7,12 +7,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from evs.emulator.base.registry import load
 from evs.emulator.base.scene import F32
 from evs.emulator.evsnet.graph_network import GraphNetwork, Network
 from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.msgs import Events, EvsError, unknown
+from evs.msgs.registry import load
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,20 @@ MAX_STATE_SIDE = 4096
 """of a state's channels and ticks"""
 
 
+def load() -> Any:
+    """Import onnxruntime, which has no wheel for every machine; EvsError where it is missing."""
+    try:
+        return import_module("onnxruntime")
+    except ImportError:
+        raise EvsError(
+            "onnxruntime is not installed: pip install onnxruntime; without it, "
+            "model.runtime=native runs the networks of evs"
+        ) from None
+
+
 def providers() -> list[str]:
     """Names of the execution providers that the onnxruntime on this machine has."""
-    have = set(import_module("onnxruntime").get_available_providers())
+    have = set(load().get_available_providers())
     return [name for name, (theirs, _) in PROVIDERS.items() if theirs in have]
 
 
@@ -41,9 +52,9 @@ def open_session(graph: bytes, provider: str = "cpu", threads: int = 0) -> Any:
         threads: Worker threads; 0: one a core. Any number gives the same bytes.
 
     Raises:
-        EvsError: No such provider, or no sound graph.
+        EvsError: No onnxruntime, no such provider, or no sound graph.
     """
-    ort = import_module("onnxruntime")
+    ort = load()
     available = providers()
     if provider not in available:
         raise unknown("execution provider", provider, available)

@@ -7,7 +7,6 @@ from functools import partial
 from evs.emulator import _core
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.protocols import Renderer
-from evs.emulator.base.registry import load
 from evs.emulator.base.scene import CameraModel, SceneModel
 from evs.emulator.config import RenderConfig
 from evs.emulator.render.cycle import CycleRenderer
@@ -15,6 +14,7 @@ from evs.emulator.render.direct import DirectRenderer
 from evs.emulator.render.path import PathRenderer
 from evs.emulator.render.registry import RENDERERS
 from evs.msgs import EvsError, unknown
+from evs.msgs.registry import load
 
 SAMPLERS = ("owen", "sobol", "global", "random", "anchored")
 MAX_BOUNCES = 64

@@ -11,6 +11,7 @@ from evs.emulator.sensor.parameters import (
 from evs.emulator.sensor.pixel import PlainModel, PlainState
 from evs.emulator.sensor.presets import (
     completed,
+    describe_sensor,
     preset_biases,
     preset_names,
     resolve_sensor,
@@ -31,6 +32,7 @@ __all__ = [
     "ReadoutState",
     "SensorParameters",
     "completed",
+    "describe_sensor",
     "make_readout",
     "preset_biases",
     "preset_names",

@@ -46,7 +46,7 @@ class PlainModel:
         Args:
             sensor: The sensor, resolved.
             threads: Worker threads; 0: one a core.
-            isa: auto, avx512, avx2 or portable, all with the same bytes.
+            isa: auto, avx512, avx2, neon or portable, all with the same bytes.
             average: The running mean in front of the pixels; None: there is none.
             causes: Whether byte 13 of each event is its msgs.Cause; it is zero otherwise.
             switches: Terms that are forced on, with the same bytes, or off.
@@ -87,6 +87,33 @@ class PlainModel:
     def features(self) -> dict[str, bool]:
         """Which terms its pixels have, by name."""
         return self.terms.features
+
+    @property
+    def adjustable(self) -> tuple[str, ...]:
+        """EventModel.adjustable."""
+        return ADJUSTABLE
+
+    def take_over(self, state: PlainState, before: object) -> PlainState:
+        """EventModel.take_over: the next tick is of these parameters, all before it was of those.
+
+        A still pixel that a new threshold has passed fires in the next tick.
+        """
+        if not isinstance(before, PlainModel):
+            raise EvsError("other event models cannot hand their pixels over; make another camera")
+        check_take_over(self, before)
+        # made now: the next tick may have a clock to keep
+        self._pixels(state.seed)
+        arrays = {name: array for name, array in state.arrays().items() if name in _SETTLED}
+        before._pixels(state.seed).settle(state.clock_us, **arrays)
+        if state.shot_next is not None and state.ticks:
+            gaps = rescaled_gaps(
+                state.shot_next - state.clock_us * SHOT_UNITS,
+                shot_bounds(before.pattern(state.seed)),
+                shot_bounds(self.pattern(state.seed)),
+            )
+            state.shot_next[:] = np.minimum(state.clock_us * SHOT_UNITS + gaps, _NEVER)
+        state.all_due = 1
+        return state
 
     def pattern(self, seed: int) -> FixedPattern:
         """What every pixel has of its own under this seed."""
@@ -144,6 +171,7 @@ class PlainModel:
                 state.ticks,
                 **state.arrays(),
                 row_reads=reads,
+                all_due=bool(state.all_due),
             )
         except MemoryError:
             raise EvsError(
@@ -153,6 +181,7 @@ class PlainModel:
             raise EvsError(
                 f"sensor state is of another sensor: {reason}; call init again"
             ) from None
+        state.all_due = 0
         state.clamped += clamped
         state.clock_us += tick_us
         state.tick_us = tick_us
@@ -235,6 +264,15 @@ def adaptive_model(request: ModelRequest) -> PlainModel:
     return plain_model(request, RunningMeanConstants())
 
 
+ADJUSTABLE = (
+    *("pos_thres", "neg_thres", "sigma_thres", "cutoff_hz", "follower_hz", "highpass_hz"),
+    *("leak_rate_hz", "shot_noise_rate_hz", "refractory_period_s"),
+)
+"""keys of [sensor] that may change while pixels run; biases stand for some of them"""
+
+SHOT_UNITS = 1024
+"""of the clock of shot noise in a us: kShotUnits of core/sensor/shot_noise.h"""
+
 MAX_TICK_US = 2**28 - 1
 """Longest tick, about 4 minutes."""
 
@@ -273,7 +311,11 @@ _FRAMES = {
 }
 _BLOCKS = ("due_us", "since_us", "shot_next", "shot_count")
 _ARRAYS = (*_FRAMES, *_BLOCKS)
-_NUMBERS = ("clamped", "clock_us", "tick_us", "ticks")
+_NUMBERS = ("clamped", "clock_us", "tick_us", "ticks", "all_due")
+_SETTLED = (
+    *("reference", "last_luminance", "due_us", "since_us", "filtered", "followed"),
+    *("noise_budget", "mean"),
+)
 _ALWAYS = ("reference", "last_log", "last_luminance")
 
 
@@ -302,6 +344,8 @@ class PlainState:
     """length of the last one, us"""
     ticks: int = 0
     """how many there were"""
+    all_due: int = 0
+    """1: parameters have changed since, so no block is left out in the next one"""
     filtered: F32 | None = None
     """(h, w) log light after the photoreceptor's low pass"""
     followed: F32 | None = None
@@ -359,7 +403,6 @@ class PlainState:
                 setattr(state, name, on_lines(zeros))
 
         zeros = np.zeros(shape, np.float32)
-        filters = terms.low_pass or terms.follower or terms.high_pass
         blocks = np.zeros(-(-zeros.size // BLOCK), np.int64)
         add(terms.low_pass, zeros, "filtered")
         add(terms.follower, zeros, "followed")
@@ -368,8 +411,7 @@ class PlainState:
         add(terms.photon_noise, zeros, "noise_mean", "noise_memory")
         add(terms.running_mean, zeros * np.float32(np.nan), "mean")
         add(terms.running_mean, zeros, "noise", "drift")
-        lazy = terms.leaks or filters or terms.refractory or terms.running_mean
-        add(lazy, blocks, "due_us", "since_us")
+        add(terms.skips, blocks, "due_us", "since_us")
         add(terms.shot_noise, blocks, "shot_next", "shot_count")
         return state
 
@@ -432,7 +474,7 @@ class PlainState:
         """Whether its counters and times are such as a sensor can have."""
         if not (0 <= self.clock_us <= MAX_CLOCK_US and 0 <= self.ticks <= MAX_CLOCK_US):
             return False
-        if not 0 <= self.tick_us <= MAX_TICK_US:
+        if not 0 <= self.tick_us <= MAX_TICK_US or self.all_due not in (0, 1):
             return False
         times = [self.blind_until, self.due_us, self.since_us, self.shot_next, self.shot_count]
         if any(array is not None and np.any(np.abs(array) > _NEVER) for array in times):
@@ -459,6 +501,52 @@ class PlainState:
         return same_bytes(self.arrays(), other.arrays())
 
     __hash__ = None  # type: ignore[assignment]
+
+
+def check_take_over(now: PlainModel, before: PlainModel) -> None:
+    """Check that pixels can go on with the state of others.
+
+    Raises:
+        EvsError: A term that has a state is switched on or off; the message has its parameter.
+    """
+    names = (*SensorTerms.STATEFUL, "running_mean", "causes")
+    if all(getattr(now.terms, name) == getattr(before.terms, name) for name in names):
+        return
+    for key in ADJUSTABLE:
+        value = getattr(now.sensor, key)
+        if bool(value) != bool(getattr(before.sensor, key)) and key != "sigma_thres":
+            was = "over 0" if not value else "0"
+            raise EvsError(
+                f"sensor.{key} is {value:g} and was {was}: pixels that run do not get or lose a "
+                "term; start the camera with a small value instead of 0"
+            )
+    raise EvsError("pixels that run do not get or lose a term; make another camera")
+
+
+def shot_bounds(pattern: FixedPattern) -> F64:
+    """The highest rate of shot noise of a pixel in each block, Hz."""
+    assert pattern.shot_on is not None
+    assert pattern.shot_off is not None
+    rates = (pattern.shot_on.astype(np.float64) + pattern.shot_off).reshape(-1)
+    bounds: F64 = np.maximum.reduceat(rates, np.arange(0, rates.size, BLOCK))
+    return bounds
+
+
+def rescaled_gaps(gaps: I64, before: F64, now: F64) -> I64:
+    """The time that is left up to the next candidate of shot noise, at another rate.
+
+    An exponential wait has no memory: what is left of it, times the ratio of the rates, is a wait
+    at the new rate.
+
+    Args:
+        gaps: (blocks,) what is left, over 0, 2^-10 us.
+        before: (blocks,) the rate of candidates until now.
+        now: (blocks,) from now on.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scaled = np.ceil(gaps * (before / now))
+    # blocks of dead pixels have no candidates
+    return np.where(scaled < _NEVER, scaled, _NEVER).astype(np.int64)
 
 
 def check_tick(

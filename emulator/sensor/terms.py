@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, ClassVar
 
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.config.declaration import declaration
@@ -54,6 +54,17 @@ class SensorTerms:
     """leak has a tail of warm and hot pixels"""
     idle_highpass: float
     """the high pass where its rate is 0: 2 pi f, 1 / us"""
+
+    STATEFUL: ClassVar[tuple[str, ...]] = (
+        *("low_pass", "follower", "refractory", "photon_noise", "shot_noise", "skips"),
+    )
+    """properties that decide which arrays a state has"""
+
+    @property
+    def skips(self) -> bool:
+        """Whether anything happens with time in blocks that are skipped."""
+        filters = self.low_pass or self.follower or self.high_pass
+        return self.leaks or filters or self.refractory or self.running_mean
 
     @property
     def leaks(self) -> bool:

@@ -34,6 +34,7 @@ from evs.msgs import (
     StreamInfo,
     empty_events,
 )
+from evs.msgs.pictures import event_facts, event_frame, exposure_for, html_card, to_srgb8
 
 LATEST_US = 2**53
 """285 years: from there on, time in s has no whole microseconds"""
@@ -125,6 +126,20 @@ class EventCamera:
             f"<evs.EventCamera '{info.camera}': {info.sensor} {info.width} x {info.height}, {seen}>"
         )
 
+    def _repr_html_(self) -> str:
+        info = self.info
+        facts = {"sensor": info.sensor, "size": f"{info.width} x {info.height} px"}
+        if self._t_us is None:
+            light = np.zeros((info.height, info.width), np.float32)
+            facts["seen"] = "nothing yet: call observe(data)"
+        else:
+            light = self.luminance
+            facts["seen"] = f"{self._t_us:,} us"
+        events = empty_events() if self._packet is None else self._packet.events
+        grey = to_srgb8(light, exposure_for(light))
+        picture = event_frame(events, info.width, info.height, grey)
+        return html_card(f"EventCamera {info.camera}", facts | event_facts(events), picture)
+
     def observe(self, data: MjData) -> Events:
         """See the world as it is now. The first call sets the reference and gives no events.
 
@@ -183,6 +198,17 @@ class EventCamera:
         self._scene.compare_large_arrays()
         self._history.reset()
         self._packet, self._t_us = None, None
+
+    def adjust(self, **keys: object) -> None:
+        """Change parameters of the sensor while it runs, from the next observe on.
+
+        Args:
+            **keys: As of Camera.adjust: `pos_thres=0.3`, `**{"biases.bias_diff_on": 20}`.
+
+        Raises:
+            EvsError: As Camera.adjust; nothing has changed.
+        """
+        self._camera.adjust(**keys)
 
     def save(self, compress: bool = False) -> bytes:
         """Save everything that the next observe follows from, except the data that it is given.

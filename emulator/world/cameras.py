@@ -17,6 +17,7 @@ from evs.emulator.world.controls import home_keyframe
 from evs.emulator.world.materials import geom_rgba, is_shown
 from evs.emulator.world.model import find, name_of
 from evs.emulator.world.physics import moving_bodies, update_poses
+from evs.emulator.world.trajectories import Shaking, Trajectory, read_trajectory
 from evs.msgs import EvsError
 
 FREE_KEYS = ("lookat", "distance", "azimuth", "elevation")
@@ -37,7 +38,7 @@ class ModelCamera:
 
     camera: int
 
-    def pose(self, data: mujoco.MjData) -> CameraPose:
+    def pose(self, data: mujoco.MjData, _t_us: int) -> CameraPose:
         """Where it is; `data` has its kinematics and cameras computed."""
         return CameraPose(data.cam_xpos[self.camera].copy(), data.cam_xmat[self.camera].copy())
 
@@ -48,7 +49,7 @@ class FreeCamera:
 
     fixed: CameraPose
 
-    def pose(self, _data: mujoco.MjData) -> CameraPose:
+    def pose(self, _data: mujoco.MjData, _t_us: int) -> CameraPose:
         """Where it is, always."""
         return self.fixed
 
@@ -61,10 +62,47 @@ class MountedCamera:
     pos: F64
     mat: F64
 
-    def pose(self, data: mujoco.MjData) -> CameraPose:
+    def pose(self, data: mujoco.MjData, _t_us: int) -> CameraPose:
         """Where it is; `data` has its kinematics computed."""
-        turn = data.xmat[self.body].reshape(3, 3)
-        return CameraPose(data.xpos[self.body] + turn @ self.pos, (turn @ self.mat).ravel())
+        return _carried(data, self.body, self.pos, self.mat)
+
+
+@dataclass(frozen=True)
+class TravellingCamera:
+    """A camera that goes through the poses of a file, in the frame of a body."""
+
+    body: int
+    """0: the world"""
+    trajectory: Trajectory
+
+    def pose(self, data: mujoco.MjData, t_us: int) -> CameraPose:
+        """Where it is; `data` has its kinematics computed."""
+        return _carried(data, self.body, *self.trajectory.pose(t_us * 1e-6))
+
+
+@dataclass(frozen=True)
+class ShakenCamera:
+    """A camera that shakes where another would be."""
+
+    mount: ModelCamera | FreeCamera | MountedCamera | TravellingCamera
+    shaking: Shaking
+
+    def pose(self, data: mujoco.MjData, t_us: int) -> CameraPose:
+        """Where it is; `data` has its kinematics and cameras computed."""
+        still = self.mount.pose(data, t_us)
+        mat = np.asarray(still.mat, np.float64).reshape(3, 3)
+        offset, turn = self.shaking.offset(t_us * 1e-6)
+        return CameraPose(still.pos + mat @ offset, (mat @ turn).ravel())
+
+
+def _carried(data: mujoco.MjData, body: int, pos: F64, mat: F64) -> CameraPose:
+    """A pose in the frame of a body, in the world's."""
+    turn = data.xmat[body].reshape(3, 3)
+    return CameraPose(data.xpos[body] + turn @ pos, (turn @ mat).ravel())
+
+
+Mount = ModelCamera | FreeCamera | MountedCamera | TravellingCamera | ShakenCamera
+"""What moves a camera."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +112,7 @@ class BoundCamera:
     name: str
     """the model's name for it, else "free" or "BODY_camera" """
     model: CameraModel
-    mount: ModelCamera | FreeCamera | MountedCamera
+    mount: Mount
 
 
 def bind_camera(
@@ -95,6 +133,24 @@ def bind_camera(
             that contradicts itself.
     """
     config = config or CameraConfig()
+    bound = _bind_still(model, name, width, height, config)
+    if config.shake_m == config.shake_deg == 0.0:
+        return bound
+    for key in ("shake_m", "shake_deg", "shake_hz"):
+        value = getattr(config, key)
+        if not (math.isfinite(value) and value >= 0.0):
+            raise EvsError(f"camera.{key} is {value:g}; give 0 or more")
+    shaking = Shaking(
+        config.shake_m, math.radians(config.shake_deg), config.shake_hz, config.shake_seed
+    )
+    assert not isinstance(bound.mount, ShakenCamera)
+    return replace(bound, mount=ShakenCamera(bound.mount, shaking))
+
+
+def _bind_still(
+    model: mujoco.MjModel, name: str, width: int, height: int, config: CameraConfig
+) -> BoundCamera:
+    """The same without shaking."""
     if width < 1 or height < 1 or width * height > MAX_PIXELS:
         raise EvsError(f"a sensor of {width} x {height} px has no picture; try 346 x 260")
     free = any(getattr(config, key) is not None for key in FREE_KEYS)
@@ -104,6 +160,10 @@ def bind_camera(
             "camera.lookat, distance, azimuth, elevation"
         )
     mount_keys = [key for key in MOUNT_KEYS if getattr(config, key) != getattr(UNSET, key)]
+    if config.trajectory:
+        return _travelling(model, name, width, height, config, free or bool(mount_keys))
+    if config.trajectory_axes != UNSET.trajectory_axes:
+        raise EvsError("camera.trajectory_axes is given, but no camera.trajectory")
     if mount_keys and not config.body:
         raise EvsError(
             f"camera.{mount_keys[0]} is given, but no body that carries the camera: give "
@@ -124,6 +184,30 @@ def bind_camera(
     return BoundCamera(
         label, _model_optics(model, camera, width, height, config), ModelCamera(camera)
     )
+
+
+def _travelling(
+    model: mujoco.MjModel,
+    name: str,
+    width: int,
+    height: int,
+    config: CameraConfig,
+    placed: bool,
+) -> BoundCamera:
+    """A camera on a trajectory, with the optics of one of the model's where that is named."""
+    if placed:
+        raise EvsError(
+            "camera.trajectory says where the camera is: leave out camera.pos, quat, xyaxes, "
+            "lookat, distance, azimuth and elevation"
+        )
+    trajectory = read_trajectory(config.trajectory, config.trajectory_axes)
+    body = find(model, mujoco.mjtObj.mjOBJ_BODY, "body", config.body) if config.body else 0
+    mount = TravellingCamera(body, trajectory)
+    if not name:
+        return BoundCamera("trajectory", _free_optics(model, width, height, config), mount)
+    camera = find(model, mujoco.mjtObj.mjOBJ_CAMERA, "camera", name)
+    label = name_of(model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
+    return BoundCamera(label, _model_optics(model, camera, width, height, config), mount)
 
 
 def free_pose(model: mujoco.MjModel, config: CameraConfig, optics: CameraModel) -> CameraPose:

@@ -8,7 +8,13 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.world.cameras import BoundCamera, FreeCamera, ModelCamera
+from evs.emulator.world.cameras import (
+    BoundCamera,
+    FreeCamera,
+    ModelCamera,
+    ShakenCamera,
+    TravellingCamera,
+)
 from evs.emulator.world.compat import SLEEP
 from evs.emulator.world.lights import active_lights
 from evs.emulator.world.physics import moving_bodies
@@ -71,6 +77,10 @@ def _moves(
 
 def _camera_moves(model: mujoco.MjModel, moving: npt.NDArray[np.bool_], bound: BoundCamera) -> str:
     mount = bound.mount
+    if isinstance(mount, ShakenCamera):
+        return "it shakes"
+    if isinstance(mount, TravellingCamera):
+        return f"it goes through a trajectory of {mount.trajectory.seconds:.3g} s"
     if isinstance(mount, FreeCamera):
         return ""
     if isinstance(mount, ModelCamera):

@@ -144,7 +144,7 @@ class SnapshotTaker:
             self._geom_mat.copy(),
             self._light_pos.copy(),
             self._light_dir.copy(),
-            tuple([camera.mount.pose(own) for camera in self._cameras]),
+            tuple([camera.mount.pose(own, t_us) for camera in self._cameras]),
             self._deforming.vertices(own),
             exposure_us,
             self._strands.sizes.copy(),

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from evs.drivers.pictures import U8
-from evs.drivers.pictures.colours import INK
 from evs.emulator.config import CameraConfig, SensorConfig
 from evs.examples.cartpole.controller import CartPoleController
 from evs.examples.cartpole.environment import CartPoleLoop, CartPoleResult, CartPoleTrial, play
@@ -23,6 +21,7 @@ from evs.examples.common.gif import (
     write_images,
 )
 from evs.msgs import Observation
+from evs.msgs.pictures import INK, U8
 
 WINDOW_TICKS = 10
 """an image shows the events of the last so many ticks"""

@@ -7,19 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from evs.drivers.pictures import (
-    U8,
-    Playback,
-    event_frame,
-    suffix_of,
-    to_srgb8,
-    upscale,
-    write_gif,
-)
-from evs.drivers.pictures.colours import FAINT, PAPER
+from evs.drivers.pictures import Playback, suffix_of, upscale, write_gif
 from evs.drivers.pictures.text_lines import legend_line, paste, side_by_side, text_line
 from evs.emulator import View
 from evs.msgs import EventPacket, Events, EvsError, empty_events
+from evs.msgs.pictures import FAINT, PAPER, U8, event_frame, to_srgb8
 
 SIDE_PX = 128
 """side of the sensors of the examples"""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from evs.drivers.pictures import U8
-from evs.drivers.pictures.colours import INK
 from evs.emulator.config import SensorConfig
 from evs.examples.common.gif import (
     FACTOR,
@@ -21,6 +19,7 @@ from evs.examples.goalie.controller import Goalkeeper
 from evs.examples.goalie.environment import SAVES_M, GoalieExperiment
 from evs.examples.goalie.tracker import CENTRE_PX, FOCAL_PX, HEIGHT_M, LOOKS_AT_X_M
 from evs.msgs import Observation
+from evs.msgs.pictures import INK, U8
 
 SHOTS = 4
 SHOWN_MS = 4

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.pictures import U8
 from evs.drivers.pictures.chart import draw_chart
 from evs.drivers.pictures.chart_layout import Chart, Series
 from evs.drivers.pictures.scales import Scale
 from evs.examples.common.results_file import ResultsFile
 from evs.examples.goalie import TRACKERS
 from evs.examples.goalie.environment import SAVES_M, GoalieExperiment
+from evs.msgs.pictures import U8
 from evs.tools.jobs import run_units
 
 SLOWEST_M_S, FASTEST_M_S = 1.0, 64.0

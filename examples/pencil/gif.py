@@ -6,8 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from evs.drivers.pictures import U8
-from evs.drivers.pictures.colours import INK
 from evs.emulator.config import SensorConfig
 from evs.examples.common.gif import (
     FACTOR,
@@ -24,6 +22,7 @@ from evs.examples.pencil.environment import PencilExperiment, PencilResult, Penc
 from evs.examples.pencil.line_tracker import PrincipalPoint, StickLine
 from evs.examples.pencil.stereo import stick_line
 from evs.msgs import Observation
+from evs.msgs.pictures import INK, U8
 
 WINDOW_MS = 10
 """an image shows the events of the last so many ms"""

@@ -10,8 +10,6 @@ from evs.drivers import settings
 from evs.emulator.config import RunConfig
 from evs.msgs import EvsError
 
-HELP = "measure a virtual sensor: thresholds, latency, bandwidth, noise, range, peak rate"
-
 KEYS = ("sensor", "seed", "threads")
 """First parts of the configuration keys that mean something here."""
 

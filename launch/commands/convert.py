@@ -11,8 +11,6 @@ from evs.launch.support.options import add_pipeline_options, add_single_option, 
 from evs.launch.support.reinvoke import command
 from evs.msgs import EvsError
 
-HELP = "write a recording in another format, or turn a film or a folder of frames into events"
-
 EPILOG = """\
 examples:
   evs convert run.aedat4 run.csv
@@ -72,7 +70,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--compression", metavar="NAME", help="lz4, zstd or none, for formats with compression"
     )
     parser.add_argument(
-        "--encoding", metavar="NAME", help="encoding in ROS bags: evt3, libcaer, mono or dvs"
+        "--encoding",
+        metavar="NAME",
+        help="encoding in ROS bags: evt3, libcaer, libcaer_cmp, mono or dvs",
     )
     parser.add_argument(
         "--events-only",
@@ -224,9 +224,10 @@ def _formats() -> list[str]:
         facts += [f"{holds.width} x {holds.height} px at most"] if holds.height < 1 << 15 else []
         facts += [f"stamps from {holds.first_us} us"] if holds.first_us >= 0 else []
         facts += [f"extra {one.extra}"] if one.extra else []
+        facts = facts if one.recorder else ["read only"]
         ends = ", ".join(one.suffixes + tuple(f"({also})" for also in one.shared_suffixes))
         description = one.title + (f" ({', '.join(facts)})" if facts else "")
-        lead = f"  {one.name:8s} {ends:18s} "
+        lead = f"  {one.name:10s} {ends:18s} "
         lines += textwrap.wrap(
             description, 100, initial_indent=lead, subsequent_indent=" " * len(lead)
         )

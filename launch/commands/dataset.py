@@ -14,8 +14,6 @@ from evs.msgs import EvsError
 if TYPE_CHECKING:
     from evs.tools.dataset import SceneFile
 
-HELP = "a data set of scenes: events, RGB, depth, flow, segmentation, IMU, poses, causes"
-
 KEYS = {
     "duration": ("duration_s", "S", "simulated seconds of each scene"),
     "begin": ("begin_s", "S", "scene time at the start (0, or when the scene has settled)"),

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from evs.drivers.run.report import Report
     from evs.tools.doctor.audit import AuditedReport
 
-HELP = "the main job: a robot, its events sent to a second process, recorded and drawn"
-
 MAX_SECONDS = 20.0
 """The light of every frame is kept in memory for the pictures, and the GIF grows with it."""
 

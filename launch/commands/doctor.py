@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from evs.tools.doctor import Check
     from evs.tools.stress import CaseResult
 
-HELP = "is this machine fit: packages, processor, a trial run, and the extremes"
-
 MARKS = {"ok": "ok  ", "note": "note", "bad": "BAD "}
 """verdict -> prefix of its line"""
 

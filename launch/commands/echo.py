@@ -20,8 +20,6 @@ from evs.msgs import EventPacket, EvsError
 if TYPE_CHECKING:
     from evs.drivers.bus import Rate, Subscription
 
-HELP = "show what a camera publishes: its packets, their rate or their bandwidth"
-
 _SHOWN_EVENTS = 4
 _LOOK_S = 1.0
 """how often the connection is checked"""

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import argparse
 import gc
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from evs.drivers import settings
 from evs.drivers.run import config as pipeline
 from evs.launch.support import options
 from evs.launch.support.reinvoke import command
-
-HELP = "run a scene through the event camera: publish it, record it"
 
 OPTIONS = {
     "scene": ("scene.file", "FILE", "MJCF or MJB file of the world"),
@@ -59,6 +58,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.usage = "evs emulate [SCENE.xml] [PIPELINE.toml] [key=value ...] [options]"
     options.add_pipeline_options(parser, OPTIONS)
     parser.add_argument(
+        "--view",
+        action="store_true",
+        help="show the run in a browser, with sliders for the sensor's parameters",
+    )
+    parser.add_argument(
         "--quiet", action="store_true", help="print nothing but warnings and errors"
     )
     parser.epilog = options.keys_text()
@@ -66,15 +70,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the pipeline; the exit code."""
+    from evs.launch.support.web_view import page_of_run
+
     config = pipeline.load(*options.parse_pipeline(args, OPTIONS))
-    if config.is_closed:
-        from evs.launch.support.serve_loop import serve
+    with page_of_run(args.view) as sinks:
+        config = replace(config, sink=(*config.sink, *sinks))
+        if config.is_closed:
+            from evs.launch.support.serve_loop import serve
 
-        return serve(config, args.quiet)
-    return _emulate(config, args)
+            return serve(config, args.quiet)
+        return _emulate(config, args, {sink.address for sink in sinks})
 
 
-def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
+def _emulate(
+    config: pipeline.PipelineConfig, args: argparse.Namespace, own: Container[str | None]
+) -> int:
+    """Run an open loop; nobody else is to subscribe to the addresses in `own`."""
     # here, so that --help is quick
     from evs.drivers.clock import Pacer, StopWatch
     from evs.drivers.run.report import check_targets, report_beside
@@ -111,7 +122,11 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
             on_report=write_reports,
             config=settings.to_plain(config),
         )
-    addresses = [table.address for table in tables if table.address and table.type == "zmq"]
+    addresses = [
+        table.address
+        for table in tables
+        if table.address and table.type == "zmq" and table.address not in own
+    ]
     terminal.summary(report, args.quiet, next_commands(args, recordings, addresses))
     # a recording that stopped is not a success, although a warning was printed
     stopped = any(sink.get("error") for sink in report.sinks)

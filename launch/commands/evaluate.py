@@ -11,8 +11,6 @@ from typing import Any
 from evs.launch.support import reinvoke
 from evs.msgs import EvsError
 
-HELP = "measure event models: error, false events, recall, timing, cost, against converged light"
-
 EXAMPLES = """\
 examples:
   evs evaluate --quick                           two scenes, a first impression

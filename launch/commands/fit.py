@@ -12,8 +12,6 @@ from evs.msgs import EvsError
 if TYPE_CHECKING:
     from evs.tools.fit import FittedCamera, Light, Observed
 
-HELP = "fit a sensor file to recordings of your own camera"
-
 BASE = "davis346"
 
 HEADINGS = ("key", "value", "error", "from", "")

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from evs.drivers.files import Summary
     from evs.msgs import StreamInfo
 
-HELP = "describe a recording and whether it is complete; --repair cuts a torn tail"
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The command line of `evs info`."""

@@ -6,8 +6,6 @@ import argparse
 
 from evs.launch.support.reinvoke import command
 
-HELP = "make a pair of keys, which protect a camera on the network"
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The command line of `evs keygen`."""

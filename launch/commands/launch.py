@@ -7,8 +7,6 @@ import shlex
 import sys
 import threading
 
-HELP = "run cameras, recorders, viewers and controllers together, from one file"
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The command line of `evs launch`."""

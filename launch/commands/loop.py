@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from evs.examples.goalie.controller import Goalkeeper
     from evs.examples.pencil.controller import Controller
 
-HELP = "closed-loop examples: balance a pencil, keep a goal, by event cameras"
-
 LOOPS = ("pencil", "goalie", "cartpole")
 
 WORLD: dict[str, dict[str, float | None]] = {

@@ -15,8 +15,6 @@ from evs.msgs import EvsError
 if TYPE_CHECKING:
     from evs.drivers.run.planning import PipelinePlan
 
-HELP = "what a scene requires: code paths that are on, or off and why, and the cost of a tick"
-
 OPTIONS = {
     name: EMULATE[name]
     for name in (

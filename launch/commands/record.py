@@ -9,8 +9,6 @@ from evs.launch.support.options import add_key_options
 from evs.launch.support.reinvoke import command
 from evs.msgs import EVENTS, EvsError
 
-HELP = "record what a camera publishes: events, frames and IMU"
-
 _QUEUE = 100 * EVENTS.queue
 """packets that may wait while the disk is busy: 100 s of them at 1 kHz"""
 

@@ -11,8 +11,6 @@ from evs.drivers.run import config as pipeline
 from evs.launch.support import options
 from evs.msgs import EvsError
 
-HELP = "luminance, colour, depth, normals, ids and optical flow of a scene, into one .npz file"
-
 OPTIONS = {
     "scene": ("scene.file", "FILE", "MJCF or MJB file of the world"),
     "camera": ("scene.camera", "NAME", "camera of the model to look through"),

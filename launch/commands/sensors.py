@@ -15,8 +15,6 @@ from evs.msgs import EvsError
 if TYPE_CHECKING:
     from evs.emulator.sensor.presets import Bias, Description, Parameter
 
-HELP = "list the sensors, or every parameter of one and its source"
-
 WIDTH = 110
 """columns of a page"""
 

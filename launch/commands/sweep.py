@@ -9,8 +9,6 @@ from typing import Any
 from evs.launch.support import reinvoke
 from evs.msgs import EvsError
 
-HELP = "measure speed against error, around each preset, beside frame-based ways"
-
 EXAMPLES = """\
 examples:
   evs sweep robot.xml --quick                     two presets, a first impression: two minutes

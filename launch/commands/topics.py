@@ -7,12 +7,12 @@ import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from evs.drivers import settings
 from evs.launch.support.options import add_key_options
+from evs.msgs import EvsError
 
 if TYPE_CHECKING:
     from evs.drivers.bus import Described
-
-HELP = "list what a camera publishes, by its control port, or stop it"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -26,6 +26,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--status", action="store_true", help="print the totals of each camera as JSON"
     )
     what.add_argument("--camera-info", action="store_true", help="print the calibrations as JSON")
+    what.add_argument(
+        "--parameters",
+        action="store_true",
+        help="print the parameters of each sensor that can change as JSON",
+    )
+    what.add_argument(
+        "--set",
+        nargs="+",
+        metavar="KEY=VALUE",
+        help="change parameters from the next tick on, as in pos_thres=0.3 biases.bias_diff_on=20",
+    )
     what.add_argument("--stop", action="store_true", help="request the end of the run")
     parser.add_argument(
         "--timeout",
@@ -33,6 +44,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=5.0,
         metavar="S",
         help="seconds to wait (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--camera", default="", metavar="NAME", help="camera of --set, if there are several"
     )
     add_key_options(parser)
 
@@ -49,6 +63,12 @@ def run(args: argparse.Namespace) -> int:
     if args.stop:
         request(args.control, "stop", **with_keys)
         print("it stops")
+    elif args.set:
+        wanted = {"camera": args.camera, "values": _values(args.set)}
+        answer = request(args.control, "set", wanted, **with_keys)
+        print(json.dumps(answer["cameras"], indent=2))
+    elif args.parameters:
+        print(json.dumps(request(args.control, "parameters", **with_keys)["cameras"], indent=2))
     elif args.status or args.camera_info:
         name = "status" if args.status else "camera_info"
         print(json.dumps(request(args.control, name, **with_keys)["cameras"], indent=2))
@@ -56,6 +76,17 @@ def run(args: argparse.Namespace) -> int:
         found = discover(args.control, **with_keys)
         print(json.dumps(asdict(found), indent=2) if args.json else _table(found))
     return 0
+
+
+def _values(words: list[str]) -> dict[str, float]:
+    """The numbers of KEY=VALUE; whole ones are integers. Raises EvsError."""
+    found: dict[str, float] = {}
+    for key, text in map(settings.split_word, words):
+        try:
+            found[key] = int(text) if text.lstrip("+-").isdigit() else float(text)
+        except ValueError:
+            raise EvsError(f"{key}={text}: give a number") from None
+    return found
 
 
 def _table(found: Described) -> str:

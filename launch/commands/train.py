@@ -16,8 +16,6 @@ from evs.tools.training.settings import DataSettings
 if TYPE_CHECKING:
     from evs.tools.training.recipes import Recipe
 
-HELP = "train the network: `data` makes scenes and their light, `fit` learns from them"
-
 SUBCOMMANDS = True
 """The first word says what is done; options follow it."""
 

@@ -9,8 +9,6 @@ from pathlib import Path
 from evs.launch.support import options, reinvoke
 from evs.msgs import EvsError
 
-HELP = "find the pipeline for a scene that reaches a speed, or keeps an error, and write it"
-
 OPTIONS = {
     "camera": ("scene.camera", "NAME", "camera of the model to look through"),
     "sensor": ("sensor.preset", "NAME", "sensor preset"),

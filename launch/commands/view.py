@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from evs.drivers.files.reading import Recording
     from evs.drivers.pictures import Playback
 
-HELP = "a recording as a picture or a film (.png, .gif, .mp4); --live: what a camera publishes"
-
 EPILOG = """\
 examples:
   evs view run.aedat4                                three instants, as run.aedat4.png
@@ -26,6 +24,8 @@ examples:
   evs view run.npz -o run.mp4 --speed 0.1 --start 0.5 --stop 1
   evs view --live tcp://127.0.0.1:5560               live, in Rerun's viewer or as characters
   evs view --live tcp://127.0.0.1:5560 -o live.rrd   to a file for Rerun's viewer
+  evs view --web tcp://127.0.0.1:5560                live, as a page in a browser
+  evs view --live tcp://127.0.0.1:5560 --rerun-web   Rerun's viewer in a browser of this machine
 blue: brighter (ON), red: darker (OFF). Times are the stream's own, in seconds."""
 
 MAX_SCALE = 64
@@ -66,22 +66,60 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="draw with characters in the terminal, even with a display",
     )
     live_view.add_argument(
+        "--rerun-web",
+        action="store_true",
+        help="serve Rerun's viewer to a browser of this machine, and print its address",
+    )
+    live_view.add_argument(
+        "--points",
+        type=int,
+        metavar="N",
+        help="in Rerun, also draw a cloud of events in x, y and time, of N points at most",
+    )
+    live_view.add_argument(
         "--timeout", type=float, metavar="S", help="end after S seconds without a packet"
+    )
+    live_view.add_argument(
+        "--web", metavar="ADDRESS", help="show the stream of a publisher in a browser"
+    )
+    live_view.add_argument(
+        "--control",
+        default="",
+        metavar="ADDRESS",
+        help="the publisher's control port: sliders on the page then change its sensors",
+    )
+    live_view.add_argument(
+        "--port", type=int, default=0, metavar="N", help="port of the page (default: any free one)"
+    )
+    live_view.add_argument(
+        "--no-browser", action="store_true", help="print the page's address and open no browser"
     )
     options.add_key_options(live_view)
 
 
 def run(args: argparse.Namespace) -> int:
     """Write the picture and print what it shows, or show a live stream until it ends."""
-    if (args.file is None) == (args.live is None):
-        raise EvsError("give a recording, as in evs view run.aedat4, or --live ADDRESS")
+    if sum(one is not None for one in (args.file, args.live, args.web)) != 1:
+        raise EvsError(
+            "give a recording, as in evs view run.aedat4, or --live ADDRESS, or --web ADDRESS"
+        )
+    if args.web is not None:
+        from evs.launch.support import web_view
+
+        _only("--web", args, ("out", "window", "fps", "speed", "start", "stop", "scale"))
+        return web_view.run(args)
+    if args.control or args.port or args.no_browser:
+        raise EvsError("--control, --port and --no-browser belong to --web ADDRESS")
     if args.live is not None:
         from evs.launch.support import live_view
 
         _only("--live", args, ("window", "fps", "speed", "start", "stop", "scale"))
         return live_view.run(args)
-    if args.sketch or args.camera or args.server_key or args.key or args.timeout is not None:
-        raise EvsError("--sketch, --camera, --timeout and keys belong to --live ADDRESS")
+    live = (args.sketch, args.camera, args.rerun_web, args.points, args.server_key, args.key)
+    if any(live) or args.timeout is not None:
+        raise EvsError(
+            "--sketch, --rerun-web, --points, --camera, --timeout and keys belong to --live ADDRESS"
+        )
     from evs.drivers.pictures import need_video, suffix_of
 
     # refuse bad words before anything is read

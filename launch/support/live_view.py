@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol
 
+from evs.drivers.viewer.display import has_display
 from evs.msgs import EventPacket, EvsError
 
 if TYPE_CHECKING:
     from evs.drivers.bus import Subscription
     from evs.drivers.viewer import Window, WindowBuilder
+    from evs.drivers.viewer.viewer import ViewerProgram
 
 REDRAW_S = 0.05
 """shortest time between two drawings of a terminal; windows between them are skipped"""
@@ -76,20 +76,19 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def has_display() -> bool:
-    """Whether a window can be opened here."""
-    if sys.platform in ("darwin", "win32"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
 def _screen(args: argparse.Namespace) -> Screen:
-    """A file if one is named; characters on request or without a display; else a window."""
-    if args.out:
-        if args.sketch:
-            raise EvsError("--sketch draws in the terminal: leave out -o, or leave out --sketch")
-        return _Viewer(Path(args.out))
-    return _Characters() if args.sketch or not has_display() else _Viewer(None)
+    """What is asked for; else a window, or characters without a display."""
+    places = {"-o": args.out, "--sketch": args.sketch, "--rerun-web": args.rerun_web}
+    asked = [option for option, value in places.items() if value]
+    if len(asked) > 1:
+        raise EvsError(f"{' and '.join(asked)} show the stream in different places: give one")
+    characters = args.sketch or not (asked or has_display())
+    if characters and args.points:
+        raise EvsError("--points draws in Rerun's viewer: add -o live.rrd or --rerun-web")
+    if characters:
+        return _Characters()
+    file = Path(args.out) if args.out else None
+    return _Viewer(file, args.points or 0, web=args.rerun_web)
 
 
 class _Characters:
@@ -149,29 +148,30 @@ class _Characters:
 
 
 class _Viewer:
-    """Rerun's viewer in a window of its own, or a .rrd file."""
+    """Rerun's viewer in a window of its own or in a browser, or a .rrd file."""
 
-    def __init__(self, file: Path | None) -> None:
-        from evs.drivers.viewer.viewer import Drawing
+    def __init__(self, file: Path | None, points: int, *, web: bool = False) -> None:
+        from evs.drivers.viewer.viewer import RerunDrawing
 
         if file is not None and file.suffix != ".rrd":
             raise EvsError(f"'{file}' is no name for a live view: end it in .rrd")
-        self._file = file
-        self._drawing = Drawing()
+        self._file, self._web = file, web
+        self._drawing = RerunDrawing(points)
         self._builders: dict[str, WindowBuilder] = {}
         self._described: dict[str, bool] = {}
         """camera -> whether its optics are included"""
-        self._process: subprocess.Popen[bytes] | None = None
-        self._folder: Path | None = None
+        self._program: ViewerProgram | None = None
 
     def __enter__(self) -> _Viewer:
-        from evs.drivers.viewer.viewer import open_window
+        from evs.drivers.viewer.viewer import ViewerProgram
 
         if self._file is not None:
             self._drawing.to_file(self._file)
         else:
-            self._process, self._folder, port = open_window()
-            self._drawing.to_viewer(port)
+            self._program = ViewerProgram(web=self._web)
+            if self._program.url:
+                print(f"open {self._program.url}", file=sys.stderr, flush=True)
+            self._drawing.to_viewer(self._program.port)
         return self
 
     def __exit__(self, *ended: object) -> None:
@@ -179,17 +179,16 @@ class _Viewer:
             for window in builder.rest():
                 self._drawing.window(window)
         self._drawing.close()
-        if self._process is not None:
-            self._stay(self._process, at_once=ended[0] is not None)
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
+        if self._program is not None:
+            self._stay(self._program, at_once=ended[0] is not None)
 
     def show(self, packet: EventPacket, stream: Subscription) -> bool:
         self._describe(packet, stream)
         for frame in stream.frames:
             self._drawing.frame(frame)
         for pose in stream.poses:
-            self._drawing.pose(pose.camera, pose.t_us, pose.position, pose.orientation)
+            self._drawing.pose(pose)
+        self._drawing.events(packet)
         for window in _windows(self._builders, packet):
             self._drawing.window(window)
         if self._drawing.failure:
@@ -197,7 +196,7 @@ class _Viewer:
                 f"writing {self._file} stopped: {self._drawing.failure}; Rerun shows what came "
                 "before, free some space and listen again"
             )
-        return self._process is None or self._process.poll() is None
+        return self._program is None or self._program.is_running
 
     def _describe(self, packet: EventPacket, stream: Subscription) -> None:
         """Describe a new camera, and again when its optics have arrived."""
@@ -213,16 +212,17 @@ class _Viewer:
         )
 
     @staticmethod
-    def _stay(process: subprocess.Popen[bytes], at_once: bool) -> None:
-        """Leave the window open until the user closes it, or presses Ctrl-C here."""
+    def _stay(program: ViewerProgram, at_once: bool) -> None:
+        """Leave the viewer open until the user closes it, or presses Ctrl-C here."""
         try:
             if not at_once:
-                process.wait()
+                if program.url:
+                    print("the stream has ended; Ctrl-C ends the viewer", file=sys.stderr)
+                program.wait()
         except KeyboardInterrupt:
             pass
         finally:
-            process.terminate()
-            process.wait()
+            program.close()
 
 
 def _windows(builders: dict[str, WindowBuilder], packet: EventPacket) -> list[Window]:

@@ -6,6 +6,7 @@ import argparse
 import textwrap
 from collections.abc import Collection, Mapping
 
+from evs.launch.support.completion import pipeline_words
 from evs.msgs import EvsError
 
 Options = Mapping[str, tuple[str, str, str]]
@@ -24,7 +25,8 @@ def add_pipeline_options(
     parser: argparse.ArgumentParser, options: Options, words: tuple[str, str] = PIPELINE
 ) -> None:
     """Add the pipeline, its keys and the short options, all as text."""
-    parser.add_argument("words", nargs="*", metavar=words[0], help=words[1])
+    added = parser.add_argument("words", nargs="*", metavar=words[0], help=words[1])
+    added.completer = pipeline_words  # type: ignore[attr-defined]
     for option, (key, placeholder, line) in options.items():
         if placeholder:
             parser.add_argument(

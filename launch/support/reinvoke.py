@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import shutil
 import sys
@@ -14,7 +15,8 @@ def program() -> str:
     called = Path(sys.argv[0])
     if called.name != "evs":
         return f"{shlex.quote(sys.executable)} -m evs.launch.main"
-    found = shutil.which("evs")
+    # uv (`uvx evs`) has put the folder of this evs into PATH for this process alone
+    found = None if "UV" in os.environ else shutil.which("evs")
     if found is not None and Path(found).samefile(called):
         return "evs"
     return shlex.quote(sys.argv[0])

@@ -16,6 +16,7 @@ from evs.msgs.codecs.libcaer import (
     decode_libcaer_cmp,
     decode_mono,
     encode_libcaer,
+    encode_libcaer_cmp,
     encode_mono,
 )
 from evs.msgs.codecs.limits import (
@@ -26,7 +27,7 @@ from evs.msgs.codecs.limits import (
     EncodingLimits,
     check_fits,
 )
-from evs.msgs.codecs.payloads import PAYLOADS, READABLE, PayloadReader, PayloadWriter
+from evs.msgs.codecs.payloads import PAYLOADS, PayloadReader, PayloadWriter
 
 __all__ = [
     "LAST_ROS_US",
@@ -34,7 +35,6 @@ __all__ = [
     "MAX_SIDE_DAT_PX",
     "MAX_SIDE_EVT_PX",
     "PAYLOADS",
-    "READABLE",
     "TIME_ORIGIN_US",
     "DatState",
     "EncodingLimits",
@@ -57,5 +57,6 @@ __all__ = [
     "encode_evt3",
     "encode_evt21",
     "encode_libcaer",
+    "encode_libcaer_cmp",
     "encode_mono",
 ]

@@ -9,14 +9,14 @@ libcaer_cmp  words of 16 bits, as libcaer_driver packs a DAVIS's events; bits 15
              a word, the others its value:
 
     0 TIME_HIGH    bits 23-12 of the time since the packet's time base, us; 0 when a packet begins
-    1 TIME_LOW     bits 11-0 of it; stays when the upper bits change
+    1 TIME_LOW     bits 11-0 of it; 0 when a packet begins, stays when the upper bits change
     2 ADDR_X       bits 10-0 x of the events that follow
     3 ADDR_Y       bits 10-0 y, bit 11 polarity: one event
     4 VECT_BASE_Y  bits 10-0 y, bit 11 polarity, of the vectors that follow
     5 VECT_8       bit k: an event at base + k; then the base moves on by 8
 
-The time base of libcaer_cmp is the packet's first stamp, ns. Source: libcaer_driver and
-event_camera_codecs.
+The time base of libcaer_cmp is the packet's first stamp, ns. Its upper bits do not wrap: a packet
+spans less than 16.8 s. Source: libcaer_driver and event_camera_codecs.
 """
 
 from __future__ import annotations
@@ -39,6 +39,11 @@ LIBCAER = EncodingLimits("libcaer", 1 << 15, 1 << 15, MAX_STAMP_NS // 1000)
 
 MONO_SPAN_US = (1 << 32) // 1000
 """A mono packet covers less than 4.29 s."""
+
+LIBCAER_CMP = EncodingLimits("libcaer_cmp", 1 << 11, 1 << 11, MAX_STAMP_NS // 1000)
+
+LIBCAER_CMP_SPAN_US = 1 << 24
+"""A libcaer_cmp packet covers less than 16.78 s."""
 
 _LIBCAER = np.dtype([("data", "<u4"), ("t", "<u4")])
 _LIBCAER_BITS = 31
@@ -133,6 +138,62 @@ _BITS = 12
 
 NO_X = 0x7FFF
 """x of events before the first ADDR_X, and y of those too far down: on no sensor."""
+
+
+def encode_libcaer_cmp(events: Events, time_base_us: int | None = None) -> Payload:
+    """Encode a packet.
+
+    Events of one time, column and polarity whose rows rise within 8 aligned ones share a vector,
+    so the order of all events is kept.
+
+    Args:
+        events: (n,) EVENT_DTYPE, sorted by t.
+        time_base_us: Time base, us, not after the first event, of a packet that continues: its
+            words restate the time, so that they can be joined to those before. None: a new packet,
+            whose time base is the first event's time.
+
+    Raises:
+        MessageError: The events do not fit, mostly because they span 16.8 s or more.
+    """
+    check_fits(events, LIBCAER_CMP)
+    first = int(events["t"][0]) if len(events) else 0
+    base = first if time_base_us is None else time_base_us
+    if not len(events):
+        return Payload(base * 1000, b"")
+    if base > first:
+        raise MessageError(f"libcaer_cmp counts from {base} us, events begin at {first} us")
+    if int(events["t"][-1]) - base >= LIBCAER_CMP_SPAN_US:
+        raise MessageError(
+            f"a libcaer_cmp packet spans less than {LIBCAER_CMP_SPAN_US} us, events reach "
+            f"{events['t'][-1] - base}"
+        )
+    y, p = events["y"].astype(np.uint16), (events["p"] != 0).astype(np.uint16)
+    # runs of events that one vector can hold
+    continues = (y[1:] > y[:-1]) & (y[1:] >> 3 == y[:-1] >> 3) & (p[1:] == p[:-1])
+    for name in ("t", "x"):
+        continues &= events[name][1:] == events[name][:-1]
+    starts = np.flatnonzero(np.concatenate([[True], ~continues]))
+    masks = np.bitwise_or.reduceat(np.uint16(1) << (y & 7), starts)
+    is_vector = np.diff(starts, append=len(events)) > 1
+    since_base = events["t"][starts] - base
+    high, low = since_base >> _BITS, since_base & 0xFFF
+    x, polarity = events["x"][starts].astype(np.uint16), p[starts] << 11
+    row = np.where(is_vector, _BASE << _BITS | y[starts] & 0x7F8, _Y << _BITS | y[starts])
+    # what the decoder knows before: nothing of a packet that continues
+    known = 0 if time_base_us is None else -1
+    words = np.empty((len(starts), 5), "<u2")
+    words[:, 0] = _HIGH << _BITS | high
+    words[:, 1] = _LOW << _BITS | low
+    words[:, 2] = _X << _BITS | x
+    words[:, 3] = row | polarity
+    words[:, 4] = _VECTOR << _BITS | masks
+    is_sent = np.ones(words.shape, np.bool_)
+    is_sent[:, 0] = np.diff(high, prepend=known) != 0
+    # some decoders look at the time only where its lower bits come
+    is_sent[:, 1] = is_sent[:, 0] | (np.diff(low, prepend=known) != 0)
+    is_sent[1:, 2] = x[1:] != x[:-1]
+    is_sent[:, 4] = is_vector
+    return Payload(base * 1000, words[is_sent].tobytes())
 
 
 def decode_libcaer_cmp(data: Any, time_base_ns: int) -> Events:

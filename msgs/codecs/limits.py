@@ -10,8 +10,8 @@ from evs.msgs.event import Events
 from evs.msgs.header_fields import MessageError
 
 TIME_ORIGIN_US = 1_000_000
-"""Time stamp of simulated time zero in our EVT2 and EVT3 streams: some decoders treat the stamp 0
-as "no time yet" and lose its events."""
+"""Time stamp of simulated time zero in EVT3 streams on ROS and in bags: some decoders treat the
+stamp 0 as "no time yet" and lose its events. RAW files count from 0."""
 
 LONGEST_US = 1 << 44
 """Time stamps of EVT2 and EVT3 streams lie below it (203 days): every wrap of their counters has to

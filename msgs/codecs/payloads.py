@@ -7,12 +7,14 @@ from typing import Any
 from evs.msgs.codecs.evt3 import EVT3, Evt3State, decode_evt3, encode_evt3
 from evs.msgs.codecs.libcaer import (
     LIBCAER,
+    LIBCAER_CMP,
     MONO,
     Payload,
     decode_libcaer,
     decode_libcaer_cmp,
     decode_mono,
     encode_libcaer,
+    encode_libcaer_cmp,
     encode_mono,
 )
 from evs.msgs.codecs.limits import TIME_ORIGIN_US, EncodingLimits
@@ -20,11 +22,13 @@ from evs.msgs.errors import unknown
 from evs.msgs.event import Events
 from evs.msgs.trigger import Triggers
 
-PAYLOADS: dict[str, EncodingLimits] = {"evt3": EVT3, "libcaer": LIBCAER, "mono": MONO}
+PAYLOADS: dict[str, EncodingLimits] = {
+    "evt3": EVT3,
+    "libcaer": LIBCAER,
+    "libcaer_cmp": LIBCAER_CMP,
+    "mono": MONO,
+}
 """name of an encoding -> what it can hold"""
-
-READABLE = (*PAYLOADS, "libcaer_cmp")
-"""encodings that can be read; the last one cannot be written"""
 
 
 class PayloadWriter:
@@ -34,7 +38,7 @@ class PayloadWriter:
         """Start a stream.
 
         Args:
-            encoding: evt3, libcaer or mono.
+            encoding: A key of PAYLOADS.
             time_origin_us: Time stamp of time zero, us, for evt3.
 
         Raises:
@@ -48,13 +52,13 @@ class PayloadWriter:
     def payload(self, events: Events, time_base_us: int | None = None) -> Payload:
         """Encode the next packet.
 
-        Consecutive payloads may be joined under the first one's time base: those of mono if
-        time_base_us is the same for all, those of libcaer up to 2147 s.
+        Consecutive payloads may be joined under the first one's time base: those of mono and
+        libcaer_cmp if it is time_base_us of those that follow, those of libcaer up to 2147 s.
 
         Args:
             events: (n,) EVENT_DTYPE, sorted by t, none before the last packet's.
-            time_base_us: Time base of mono, us; None: the first event's time. The time base of evt3
-                is 0, as with real drivers: its words hold the time.
+            time_base_us: Time base of mono and libcaer_cmp, us; None: the first event's time. The
+                time base of evt3 is 0, as with real drivers: its words hold the time.
 
         Raises:
             MessageError: The events do not fit into the encoding.
@@ -63,6 +67,8 @@ class PayloadWriter:
             return encode_mono(events, time_base_us)
         if self.encoding == "libcaer":
             return encode_libcaer(events)
+        if self.encoding == "libcaer_cmp":
+            return encode_libcaer_cmp(events, time_base_us)
         data = encode_evt3(events, time_origin_us=self.time_origin_us, after_us=self._after_us)
         if len(events):
             self._after_us = int(events["t"][-1])
@@ -76,14 +82,14 @@ class PayloadReader:
         """Start a stream.
 
         Args:
-            encoding: One of READABLE.
+            encoding: A key of PAYLOADS.
             time_origin_us: Time stamp of time zero, us, for evt3.
 
         Raises:
             EvsError: The encoding is unknown.
         """
-        if encoding not in READABLE:
-            raise unknown("encoding", encoding, READABLE)
+        if encoding not in PAYLOADS:
+            raise unknown("encoding", encoding, PAYLOADS)
         self.encoding, self.time_origin_us = encoding, time_origin_us
         self._state = Evt3State()
 

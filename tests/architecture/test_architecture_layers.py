@@ -15,7 +15,8 @@ LEVEL = {"msgs": 0, "emulator": 1, "drivers": 2, "tools": 3, "examples": 4, "lau
 
 DOORS = {
     "numpy": ("msgs/", "emulator/", "drivers/", "tools/", "examples/"),
-    "mujoco": ("emulator/world/",),
+    # a plugin for MuJoCo's own viewer
+    "mujoco": ("emulator/world/", "examples/studio/"),
     "msgpack": ("msgs/packet.py",),
     "zmq": ("drivers/bus/",),
     "h5py": ("drivers/files/hdf5/",),
@@ -30,6 +31,8 @@ DOORS = {
     "av": ("drivers/films/decoder.py",),
     "rich": ("launch/support/terminal.py",),
     "rerun": ("drivers/viewer/viewer.py",),
+    "websockets": ("drivers/viewer/web/server.py",),
+    "foxglove": ("drivers/viewer/panels.py",),
     "pyrender": ("emulator/render/raster/",),
     "OpenGL": ("emulator/render/raster/",),
     "jax": ("tools/training/",),
@@ -37,11 +40,15 @@ DOORS = {
     "onnxruntime": ("emulator/evsnet/session.py",),
     "gymnasium": ("drivers/gym/",),
     "ray": ("tools/jobs/ray_cluster.py",),
+    "argcomplete": ("launch/support/completion.py",),
     "pytest": ("tools/testing/plugin.py",),
 }
 """Import name -> the only places that may import it. What is not listed may not be imported."""
 
-EXTRAS = ("raster", "gym", "video", "train", "view", "formats", "ros2", "cluster")
+EXTRAS = (
+    *("raster", "gym", "video", "train", "view", "web", "foxglove", "formats", "ros2", "cluster"),
+    "completion",
+)
 """Whose libraries the package imports; those of the others are for tests and tools."""
 
 OUTSIDE = {
@@ -53,7 +60,7 @@ OUTSIDE = {
 REGISTERED = re.compile(r"evs(\.\w+)+:\w+")
 """An entry of a registry."""
 
-REGISTRY_DOOR = "emulator/base/registry.py"
+REGISTRY_DOOR = "msgs/registry.py"
 """Where the entries of every registry are imported."""
 
 CLOCKS = {"datetime", "sched", "time", "timeit"}
@@ -161,7 +168,7 @@ def test_a_wrong_import_is_found(path: str, source: str, says: str) -> None:
     ("path", "source"),
     [
         ("launch/a.py", "from evs.drivers.bus import subscribe\nimport argparse"),
-        ("launch/main.py", "importlib.import_module(COMMANDS[name])"),
+        ("launch/main.py", "importlib.import_module(f'evs.launch.commands.{name}')"),
         ("drivers/a.py", "CORE = 'evs.emulator._core'\nimportlib.import_module(CORE)"),
         ("drivers/a.py", "SINKS = {'a': 'evs.drivers.bus:Publisher'}\nload(SINKS['a'])"),
         ("emulator/world/a.py", "import mujoco\nimport numpy as np"),
@@ -199,6 +206,7 @@ def test_every_library_behind_a_door_is_a_declared_requirement(checkout: Path) -
     # pyrender brings its own OpenGL, and pytest is there when it loads its plugin
     names |= {"PyOpenGL", "pytest"}
     packages = {"PIL": "pillow", "zmq": "pyzmq", "OpenGL": "PyOpenGL", "rerun": "rerun_sdk"}
+    packages |= {"foxglove": "foxglove_sdk"}
     packages |= {"pyrender": "pyrender2"}
     imports = {packages.get(name, name) for name in DOORS}
     assert imports == names

@@ -48,6 +48,7 @@ def machine(tmp_path: Path, checkout: Path) -> Run:
 
 
 REAL_COMPILER = f'PATH="{os.environ["PATH"]}" exec c++ "$@"'
+WITHOUT_SHUFFLES = REAL_COMPILER.replace('"$@"', '-D__builtin_shufflevector=missing "$@"')
 
 
 def complaint(result: subprocess.CompletedProcess[str]) -> str:
@@ -95,8 +96,16 @@ def test_no_compiler(machine: Run) -> None:
 
 def test_an_old_compiler(machine: Run) -> None:
     line = complaint(machine("prerequisites.sh", python=REAL_PYTHON, cxx=OLD_COMPILER))
-    assert "c++ cannot build C++20 (g++ 8.3.0)" in line
-    assert "apt install g++" in line
+    assert "c++ cannot build evs (g++ 8.3.0)" in line
+    assert "apt install g++-12" in line
+
+
+def test_a_compiler_without_the_vectors_of_the_core(machine: Run) -> None:
+    """As g++ 11, which knows C++20."""
+    body = f'case "$1" in --version) echo "g++ 11.3.0" ;; *) {WITHOUT_SHUFFLES} ;; esac'
+    line = complaint(machine("prerequisites.sh", python=REAL_PYTHON, cxx=body))
+    assert "c++ cannot build evs (g++ 11.3.0)" in line
+    assert "CXX=g++-12" in line
 
 
 def test_python_without_headers_and_no_apt(machine: Run, tmp_path: Path) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib.metadata
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -45,3 +47,22 @@ def test_the_packages_of_the_card_are_installed(name: str) -> None:
 def test_the_set_up_asks_for_the_packages_of_the_card(checkout: Path) -> None:
     names = {requirement.name for requirement in asked(checkout, "test", "build")}
     assert names >= {"mujoco", "pyrender2", "onnxruntime", "numpy", "pyzmq", "msgpack"}
+
+
+CONDA = {
+    "mujoco": "mujoco-python",
+    "msgpack": "msgpack-python",
+    "flatbuffers": "python-flatbuffers",
+}
+"""Distribution -> its package on conda-forge, where the names differ."""
+
+
+def test_the_recipe_for_conda_has_the_same_version_and_ranges(checkout: Path) -> None:
+    recipe = (checkout / ".ci/conda/recipe.yaml").read_text()
+    project = tomllib.loads((checkout / "pyproject.toml").read_text())["project"]
+    assert f'  version: "{project["version"]}"\n' in recipe
+    block = re.search(r"^  run:\n((?:    - .*\n)+)", recipe, re.MULTILINE)
+    assert block is not None
+    needed = re.findall(r"    - ([\w-]+) ?(.*)", block[1])
+    wanted = [re.fullmatch(r"([\w-]+)(.*)", line).groups() for line in project["dependencies"]]
+    assert needed == [("python", ""), *((CONDA.get(name, name), span) for name, span in wanted)]

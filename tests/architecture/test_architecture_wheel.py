@@ -16,9 +16,12 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def wheel(checkout: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel, built as `make wheel` does, with every compiler warning an error."""
+    """The wheel, built as `make wheel` does, of the objects of the core in place."""
     folder = tmp_path_factory.mktemp("wheel")
-    defines = ["--config-settings=cmake.define.EVS_WERROR=ON"]
+    defines = [
+        "--config-settings=cmake.define.EVS_WERROR=ON",
+        f"--config-settings=cmake.define.EVS_OBJECTS={checkout / 'build/native'}",
+    ]
     unpacked = checkout / "build/headers/usr/include"
     if unpacked.exists():
         # this Python came without its C headers: those that the set-up fetched

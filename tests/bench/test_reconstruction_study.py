@@ -20,11 +20,12 @@ import numpy.typing as npt
 import pytest
 
 import evs
-from evs.drivers.pictures import U8, write_png
+from evs.drivers.pictures import write_png
 from evs.drivers.pictures.text_lines import paste, text_line
 from evs.emulator.base.scene import F32
 from evs.emulator.config import RenderConfig
 from evs.msgs import Events, join_events
+from evs.msgs.pictures import U8
 from evs.tools.reconstruction import CUTOFF_RAD_S, complementary_filter
 from reference.esim import EVENT, esim
 from reference.hand_held import hand_held

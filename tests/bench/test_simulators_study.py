@@ -20,16 +20,16 @@ import numpy.typing as npt
 import pytest
 
 import evs
-from evs.drivers.pictures import U8, event_frame, events_between, to_srgb8, upscale, write_png
+from evs.drivers.pictures import events_between, upscale, write_png
 from evs.drivers.pictures.chart import draw_chart
 from evs.drivers.pictures.chart_layout import Chart, Series
-from evs.drivers.pictures.colours import PAPER
 from evs.drivers.pictures.pen import INK_RGB, RGB
 from evs.drivers.pictures.scales import Scale
 from evs.drivers.pictures.text_lines import legend_line, paste, side_by_side, text_line
 from evs.emulator.base.scene import F32
 from evs.emulator.config import ModelConfig, RenderConfig
 from evs.msgs import Events, join_events
+from evs.msgs.pictures import PAPER, U8, event_frame, to_srgb8
 from reference.esim import EVENT, esim
 from reference.hand_held import hand_held
 from reference.intensity import (

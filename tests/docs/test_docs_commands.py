@@ -30,9 +30,13 @@ PAGES = [page for page in PAGES if "measured" not in page.parts]
 # first word of a line -> why it is neither run nor parsed here
 ELSEWHERE = {
     "pip": "installs packages",
+    "pipx": "installs packages",
+    "uvx": "installs packages",
     "ray": "starts a cluster of the reader's own",
     "ros2": "needs ROS 2",
     "rviz2": "needs ROS 2",
+    "colcon": "needs ROS 2",
+    "source": "sets variables of ROS 2",
     "export": "sets a variable of ROS 2",
     "perf": "a profiler of the system",
     ".venv/bin/cmake": "builds the core anew",
@@ -70,7 +74,7 @@ def words_of(line: str) -> list[str]:
 @cache
 def command_of(name: str) -> tuple[ModuleType, argparse.ArgumentParser]:
     """The module of a command and its parser."""
-    module = importlib.import_module(main.COMMANDS[name])
+    module = main.module_of(name)
     return module, main._parser(name, module)
 
 

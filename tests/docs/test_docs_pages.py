@@ -106,8 +106,9 @@ def test_every_page_is_in_the_site() -> None:
     for page in PAGES:
         for block in re.findall(r"```\{toctree\}\n(.*?)```", page.read_text(), re.DOTALL):
             lines = [line for line in block.splitlines() if line and not line.startswith(":")]
-            listed |= {page.parent / f"{line}.md" for line in lines}
-    assert set(PAGES) == listed
+            files = [page.parent / f"{line}.ipynb" for line in lines]
+            listed |= {file if file.exists() else file.with_suffix(".md") for file in files}
+    assert {*PAGES, *DOCS.rglob("*.ipynb")} == listed
 
 
 def test_every_picture_is_shown() -> None:

@@ -48,6 +48,8 @@ ELSEWHERE = {
     "docs/howto/clusters.md": "run by tests/tools/jobs/test_jobs_processes.py",
     "docs/howto/datasets.md": "needs a data set; tests/tools/dataset has them",
     "docs/howto/dv.md": "needs a camera that serves DV; tests/drivers/dv has them",
+    "docs/howto/install.md": "run by tests/drivers/bus/test_bus_other_language.py",
+    "docs/howto/learners.md": "needs PyTorch: sh .ci/learners.sh",
     "docs/howto/environments.md": "needs other environments: sh .ci/versions.sh",
 }
 

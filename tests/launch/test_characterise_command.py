@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from evs.drivers.pictures import OFF_RGB, ON_RGB
 from evs.emulator.sensor import SensorParameters
 from evs.launch.main import main
 from evs.msgs import EvsError
+from evs.msgs.pictures import OFF_RGB, ON_RGB
 from evs.tools.characterise import STEPS, characterise
 from evs.tools.characterise.chart_page import CHART_PX, COLUMNS
 

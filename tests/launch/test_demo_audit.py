@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evs.drivers.pictures import LightLog, to_srgb8
+from evs.drivers.pictures import LightLog
 from evs.drivers.run.report import Report
 from evs.emulator import World
 from evs.launch.commands import demo
 from evs.launch.main import main
 from evs.launch.support import reinvoke
+from evs.msgs.pictures import to_srgb8
 from evs.tools.doctor.audit import audit, audited
 from evs.tools.sweep.points import preset_of
 
@@ -205,10 +206,13 @@ def test_the_program_is_called_as_it_was(monkeypatch: pytest.MonkeyPatch, tmp_pa
     program.write_text("#!/bin/sh\n")
     program.chmod(0o755)
     monkeypatch.setattr("sys.argv", [str(program)])
+    monkeypatch.delenv("UV", raising=False)
     monkeypatch.setenv("PATH", "")
     assert reinvoke.program() == str(program)
     assert reinvoke.command("info", "my run.npz") == f"{program} info 'my run.npz'"
     monkeypatch.setenv("PATH", str(tmp_path))
     assert reinvoke.program() == "evs"
+    monkeypatch.setenv("UV", "/usr/bin/uv")
+    assert reinvoke.program() == str(program)
     monkeypatch.setattr("sys.argv", ["main.py"])
     assert reinvoke.program().endswith("-m evs.launch.main")

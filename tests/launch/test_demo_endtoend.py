@@ -16,8 +16,8 @@ import pytest
 from PIL import Image
 
 from evs.drivers import files
-from evs.drivers.pictures import OFF_RGB, ON_RGB
 from evs.launch.main import main
+from evs.msgs.pictures import OFF_RGB, ON_RGB
 from evs.tools.doctor import audit
 
 pytestmark = pytest.mark.integration

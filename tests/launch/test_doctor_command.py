@@ -73,6 +73,19 @@ def test_a_missing_package_makes_it_unfit(
     assert [c["name"] for c in checks.values() if c["verdict"] == checkup.BAD] == ["pyzmq"]
 
 
+def test_a_missing_onnxruntime_is_only_a_note(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quick(monkeypatch)
+    real = packages.version_of
+    monkeypatch.setattr(packages, "version_of", lambda n: None if n == "onnxruntime" else real(n))
+    code, checks = checks_of(capsys)
+    assert code == 0
+    assert checks["onnxruntime"]["verdict"] == checkup.NOTE
+    assert "model.runtime=onnxruntime" in checks["onnxruntime"]["says"]
+    assert checks["onnxruntime"]["fix"] == "pip install onnxruntime"
+
+
 @pytest.mark.parametrize("version", ["2.3.7", "3.2.9", "5.0.0"])
 def test_a_package_out_of_range_makes_it_unfit(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, version: str

@@ -8,9 +8,9 @@ import pytest
 from PIL import Image
 
 from evs.drivers.files import recorder_for
-from evs.drivers.pictures import OFF_RGB, ON_RGB
 from evs.launch.main import main
 from evs.msgs import EventPacket, StreamInfo, empty_events, make_events
+from evs.msgs.pictures import OFF_RGB, ON_RGB
 
 WIDTH, HEIGHT = 32, 24
 

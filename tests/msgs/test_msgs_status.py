@@ -93,5 +93,6 @@ def test_topics_are_name_and_camera() -> None:
     assert STATUS.of("左") == "status/左".encode()
     assert CLOCK.of("track") == b"clock/"
     assert {topic.name for topic in TOPICS} == {
-        *("events", "frames", "imu", "pose", "ground_truth", "camera_info", "clock", "status")
+        *("events", "frames", "imu", "pose", "light", "ground_truth", "camera_info", "clock"),
+        "status",
     }

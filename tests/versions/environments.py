@@ -13,28 +13,37 @@ import numpy as np
 import pytest
 
 import evs
+from evs.drivers.environments.physics import find_physics
 
 pytestmark = pytest.mark.filterwarnings("default")
 
 
-def watch(model: Any, data: Any, step: Callable[[], Any], camera: str = "") -> evs.Sensor:
+def watch(env: Any, action: Callable[[], Any], camera: str = "", every: str = "substep") -> Any:
     """A few steps are seen: a picture with something in it, and events where something moves."""
-    sensor = evs.Sensor(model, camera, sensor=evs.SensorConfig("davis346", width=128, height=96))
-    assert len(sensor.observe(data)) == 0
+    sensor = evs.SensorConfig("davis346", width=128, height=96)
+    env = evs.wrap(env, camera, every=every, sensor=sensor)
+    env.reset()
+    assert len(env.events) == 0
     events = []
     for _ in range(10):
-        step()
-        events.append(sensor.observe(data))
+        env.step(action())
+        events.append(env.events)
     times = np.concatenate([part["t"] for part in events])
     assert len(times) > 100
     assert (np.diff(times) >= 0).all()
-    assert times[-1] <= round(data.time * 1e6)
-    light = sensor.luminance
+    seen = env.event_camera.packet
+    assert times[-1] <= seen.time_end_us
+    light = env.event_camera.luminance
     assert np.isfinite(light).all()
     # neither black nor one grey
     assert 0.01 < light.mean() < 10.0
     assert light.std() > 0.02 * light.mean()
-    return sensor
+    # substeps are seen as substeps
+    duration_us = seen.time_end_us - seen.time_base_us
+    model, _ = find_physics(env)
+    step_us = 1e6 * model.opt.timestep
+    assert duration_us == pytest.approx(step_us, abs=1) or every == "step"
+    return env
 
 
 def refused(thing: Any, says: str) -> None:
@@ -47,14 +56,13 @@ def test_metaworld() -> None:
     import metaworld  # noqa: F401
 
     env = gymnasium.make("Meta-World/MT1", env_name="reach-v3", seed=0)
-    env.reset(seed=0)
     env.action_space.seed(0)
-    inner = env.unwrapped
-    watch(inner.model, inner.data, lambda: env.step(env.action_space.sample()), "topview")
+    watch(env, env.action_space.sample, "topview")
     refused(env, r"env.unwrapped.model \(Metaworld too\)")
 
 
-def test_robosuite() -> None:
+@pytest.mark.parametrize("hard_reset", [False, True])
+def test_robosuite(hard_reset: bool) -> None:
     import robosuite
 
     env = robosuite.make(
@@ -63,15 +71,16 @@ def test_robosuite() -> None:
         has_renderer=False,
         has_offscreen_renderer=False,
         use_camera_obs=False,
-        hard_reset=False,
+        hard_reset=hard_reset,
     )
-    env.reset()
     action = np.full(env.action_dim, 0.5)
-    model, data = env.sim.model._model, env.sim.data._data
-    watch(model, data, lambda: env.step(action), "agentview")
-    # a soft reset keeps the model, and the data
-    env.reset()
-    assert (env.sim.model._model, env.sim.data._data) == (model, data)
+    seen = watch(env, lambda: action, "agentview")
+    before = seen.event_camera
+    # a soft reset keeps the model, a hard one compiles another
+    seen.reset()
+    assert (seen.event_camera is before) is not hard_reset
+    seen.step(action)
+    assert len(seen.events)
     refused(env.sim.model, "robosuite: env.sim.model._model")
 
 
@@ -81,20 +90,32 @@ def test_gymnasium_robotics(name: str) -> None:
     import gymnasium_robotics  # noqa: F401
 
     env = gymnasium.make(name)
-    env.reset(seed=0)
     env.action_space.seed(0)
-    inner = env.unwrapped
-    watch(inner.model, inner.data, lambda: env.step(env.action_space.sample()))
+    watch(env, env.action_space.sample)
     refused(env, "gymnasium: env.unwrapped.model")
 
 
 @pytest.mark.parametrize("name", [("humanoid", "walk"), ("quadruped", "walk")])
-def test_dm_control(name: tuple[str, str]) -> None:
+@pytest.mark.parametrize("every", ["substep", "step"])
+def test_dm_control(name: tuple[str, str], every: str) -> None:
     from dm_control import suite
 
     env = suite.load(*name, task_kwargs={"random": 0})
-    env.reset()
     action = np.full(env.action_spec().shape, 0.5)
-    physics = env.physics
-    watch(physics.model.ptr, physics.data.ptr, lambda: env.step(action))
-    refused(physics.model, "dm_control: physics.model.ptr")
+    watch(env, lambda: action, every=every)
+    refused(env.physics.model, "dm_control: physics.model.ptr")
+
+
+def test_dm_control_recompiled() -> None:
+    from dm_control import suite
+
+    env = suite.load("swimmer", "swimmer6", task_kwargs={"random": 0})
+    seen = watch(env, lambda: np.full(5, 0.5))
+    before = seen.event_camera
+    xml, assets = suite.swimmer.get_model_and_assets(8)
+    env.physics.reload_from_xml_string(xml, assets)
+    env.physics.forward()
+    seen.reset()
+    assert seen.event_camera is not before
+    seen.step(np.full(7, 0.5))
+    assert seen.event_camera.packet.time_end_us == round(env.physics.data.time * 1e6)

@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from evs.drivers.pictures.chart import diverging, draw_chart
 from evs.drivers.pictures.chart_layout import Chart, Series
-from evs.drivers.pictures.colours import OFF_RGB, ON_RGB, PAPER, U8
 from evs.drivers.pictures.pen import RGB
 from evs.drivers.pictures.scales import Scale, decades_around
 from evs.drivers.pictures.text_lines import paste, text_line
+from evs.msgs.pictures import OFF_RGB, ON_RGB, PAPER, U8
 from evs.tools.characterise import Characterisation, Quantity, SCurve, expected
 from evs.tools.characterise.background import usual_leak_hz
 from evs.tools.characterise.expected_noise import noise_rate_hz

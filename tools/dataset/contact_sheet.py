@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.pictures import U8, channel_page, event_frame
+from evs.drivers.pictures import channel_page
 from evs.drivers.pictures.channels import panel
-from evs.drivers.pictures.colours import PAPER
 from evs.drivers.pictures.text_lines import paste, text_line
+from evs.msgs.pictures import PAPER, U8, event_frame
 from evs.tools.dataset.reader import RecordedSequence
 
 WINDOW_US = 20_000

@@ -22,15 +22,21 @@ CORE = (
 )
 """required distributions: `dependencies` of pyproject.toml (a test compares them)"""
 
+OPTIONAL = {"onnxruntime": "model.runtime=onnxruntime"}
+"""required distribution that has no wheel for every machine -> what does not work without it"""
+
 EXTRAS = {
     "raster": ("pyrender2",),
     "gym": ("gymnasium",),
     "video": ("imageio-ffmpeg", "av"),
     "train": ("jax", "optax"),
     "view": ("rerun-sdk",),
+    "web": ("websockets",),
+    "foxglove": ("foxglove-sdk",),
     "formats": ("h5py", "hdf5plugin"),
     "ros2": ("rosbags", "cyclonedds"),
     "cluster": ("ray",),
+    "completion": ("argcomplete",),
 }
 """extra -> its distributions: `optional-dependencies` of pyproject.toml for users"""
 
@@ -40,9 +46,12 @@ USES = {
     "video": ".mp4 films, films and frames in evs convert",
     "train": "evs train fit",
     "view": "Rerun's viewer and .rrd files",
+    "web": "the page of evs emulate --view and evs view --web",
+    "foxglove": "Foxglove's server and MCAP files",
     "formats": ".h5 recordings",
     "ros2": ".mcap and .bag recordings, ROS 2",
     "cluster": "jobs on a Ray cluster",
+    "completion": "evs completion",
 }
 """extra -> what it is for"""
 
@@ -116,6 +125,9 @@ def _numbers(version: str) -> tuple[int, ...]:
 
 def _needed(name: str) -> Check:
     version = version_of(name)
+    if version is None and name in OPTIONAL:
+        says = f"not installed, needed for {OPTIONAL[name]}"
+        return Check(name, NOTE, says, f"pip install {name}")
     if version is None:
         return Check(name, BAD, "not installed", f"pip install {name}")
     required = range_of(name)

@@ -9,10 +9,10 @@ import numpy as np
 
 from evs.drivers.pictures.chart import draw_chart
 from evs.drivers.pictures.chart_layout import Chart, Series
-from evs.drivers.pictures.colours import PAPER, U8
 from evs.drivers.pictures.pen import RGB
 from evs.drivers.pictures.scales import Scale, decades_around
 from evs.drivers.pictures.text_lines import paste, text_line
+from evs.msgs.pictures import PAPER, U8
 from evs.tools.evaluation.aggregate import ResultRow
 from evs.tools.evaluation.claims import NOTHING, REFERENCE
 from evs.tools.evaluation.table import Evaluation

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from evs.drivers.pictures.colours import PAPER, U8
 from evs.drivers.pictures.text_lines import paste, text_line
+from evs.msgs.pictures import PAPER, U8
 from evs.tools.evaluation.claims import NOTHING, REFERENCE
 from evs.tools.evaluation.reconstruct import TRUTH, VideoCell, VideoEvaluation
 

@@ -6,10 +6,10 @@ import numpy as np
 
 from evs.drivers.pictures.chart import draw_chart
 from evs.drivers.pictures.chart_layout import Chart, Series
-from evs.drivers.pictures.colours import OFF_RGB, ON_RGB, PAPER, U8
 from evs.drivers.pictures.pen import RGB
 from evs.drivers.pictures.scales import Scale
 from evs.drivers.pictures.text_lines import paste, text_line
+from evs.msgs.pictures import OFF_RGB, ON_RGB, PAPER, U8
 from evs.tools.fit.camera import Light
 from evs.tools.fit.observed import F64, Observed
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from evs.drivers.clock import monotonic_s
-from evs.emulator.base.registry import load
 from evs.msgs import unknown
+from evs.msgs.registry import load
 
 
 @dataclass(frozen=True)

@@ -201,7 +201,7 @@ def _played(file: Path) -> tuple[Events, int]:
 
 
 def _starts(short: bool) -> Measurement:
-    kinds = [kind for kind in formats.FORMATS if not kind.extra]
+    kinds = [kind for kind in formats.RECORDED if not kind.extra]
     if short:
         kinds = [kind for kind in kinds if kind.name in ("aedat4", "aedat2", "evt3", "npz")]
     usual = _capture_from(0, ".aedat4")

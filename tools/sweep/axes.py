@@ -18,7 +18,7 @@ Values = Sequence[tuple[str, Changes]]
 PATH_SPP = 2048
 """the most that the axis goes to: the paper calls it noiseless"""
 DIRECT_SPP = (1, 2, 4, 8, 16)
-HYBRID_SPP = (1, 4, 16)
+HYBRID_SPP = (1, 4, 16, 64)
 TICKS_US = (250, 500, 1000, 2000, 4000, 10000)
 SIZES = ((173, 130), (346, 260), (640, 480))
 CYCLES = (2, 4, 8)
@@ -28,6 +28,13 @@ FPS = (60, 100, 250, 500, 1000)
 NETWORKS = ("evsnet_c4", "evsnet_c8", "paper")
 FILTER_HZ = 300.0
 """bandwidth with which the two filters are compared: v2e's own"""
+
+
+def _by_path(base: PipelineConfig) -> Changes | None:
+    """What makes `path` of a preset of soft light, with its samples; None: its light is hard."""
+    if base.render.renderer == "hybrid":
+        return {"render.renderer": "path"}
+    return {} if base.render.renderer == "path" else None
 
 
 def renderer(base: PipelineConfig) -> Values:
@@ -67,9 +74,10 @@ def samples(base: PipelineConfig) -> Values:
     if render.renderer == "raster":
         return [(f"raster {spp}", {"render.spp": spp}) for spp in (1, 4)]
     if render.renderer == "hybrid":
+        own = render.samples
         return [
             *((f"hybrid {spp}", {**every, "render.spp": spp}) for spp in HYBRID_SPP),
-            ("hybrid 4 at edges", {**edges, "render.spp": 4}),
+            (f"hybrid {max(4, own)} at edges", {**edges, "render.spp": max(4, own)}),
         ]
     return [
         *((f"direct {spp}", {**every, "render.spp": spp}) for spp in DIRECT_SPP),
@@ -78,18 +86,20 @@ def samples(base: PipelineConfig) -> Values:
 
 
 def seeds(base: PipelineConfig) -> Values:
-    """Samples the same every tick, or new ones; `direct` and `hybrid` have no noise."""
-    if base.render.renderer != "path":
+    """Samples of `path` that are the same every tick, or new ones."""
+    path = _by_path(base)
+    if path is None:
         return []
-    return [(name, {"render.seeds": name}) for name in ("fixed", "fresh")]
+    return [(name, {**path, "render.seeds": name}) for name in ("fixed", "fresh")]
 
 
 def cycle(base: PipelineConfig) -> Values:
-    """A cycle of point sets of several lengths, each tick with the samples of the preset."""
-    if base.render.renderer != "path":
+    """A cycle of point sets of several lengths with `path`, each tick with the preset's samples."""
+    path = _by_path(base)
+    if path is None:
         return []
     return [
-        (f"cycle of {ticks}", {"render.seeds": "cycle", "render.cycle_ticks": ticks})
+        (f"cycle of {ticks}", {**path, "render.seeds": "cycle", "render.cycle_ticks": ticks})
         for ticks in CYCLES
     ]
 
@@ -105,8 +115,9 @@ def model(base: PipelineConfig) -> Values:
 
 
 def network(base: PipelineConfig) -> Values:
-    """Networks of several widths on fresh noise, for which they were trained."""
-    if base.render.renderer != "path":
+    """Networks of several widths on fresh noise of `path`, for which they were trained."""
+    path = _by_path(base)
+    if path is None:
         return []
     shipped = network_names()
     there = [
@@ -114,7 +125,7 @@ def network(base: PipelineConfig) -> Values:
         for name in NETWORKS
         if name in shipped or (name in families(shipped) and members(name, shipped))
     ]
-    noisy: Changes = {"render.seeds": "fresh", "model.name": "evsnet", "model.chunk": 8}
+    noisy: Changes = {**path, "render.seeds": "fresh", "model.name": "evsnet", "model.chunk": 8}
     return [(f"{name}, fresh", {**noisy, "model.network": name}) for name in there]
 
 
@@ -159,7 +170,7 @@ def precision(base: PipelineConfig) -> Values:
             (f"{name} filter, {FILTER_HZ:g} Hz", {**low, "sensor.filter": name})
             for name in ("exact", "euler")
         ]
-    if base.render.renderer == "path":
+    if _by_path(base) is not None:
         evsnet: Changes = {
             "model.name": "evsnet", "model.network": "evsnet_c8", "model.chunk": 8
         }  # fmt: skip
@@ -192,10 +203,11 @@ def incremental(base: PipelineConfig) -> Values:
 def frames(base: PipelineConfig) -> Values:
     """Frames first, events from frames, as in v2e and ESIM (frame_methods.py).
 
-    A frame is of one instant, so its seeds are fixed.
+    A frame is of one instant, so its seeds are fixed, and soft light is that of `path`: what
+    `hybrid` caches is as many frames old as ticks.
     """
-    del base
-    plain: Changes = {"model.name": "plain", "model.chunk": 1, "render.seeds": "fixed"}
+    path = _by_path(base) or {}
+    plain: Changes = {**path, "model.name": "plain", "model.chunk": 1, "render.seeds": "fixed"}
     found: list[tuple[str, Changes]] = [
         (f"{method}, {fps} FPS", {**plain, "scene.tick_us": round(1e6 / fps)})
         for method in ("ESIM", "v2e")

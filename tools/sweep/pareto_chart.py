@@ -9,11 +9,11 @@ import numpy as np
 
 from evs.drivers.pictures.chart import draw_chart
 from evs.drivers.pictures.chart_layout import Chart, Series
-from evs.drivers.pictures.colours import PAPER, U8
 from evs.drivers.pictures.pen import GREY, INK_RGB, RGB
 from evs.drivers.pictures.scales import Scale, steps_around
 from evs.drivers.pictures.text_lines import TextLine, paste, text_line
 from evs.drivers.run.config import PRESETS
+from evs.msgs.pictures import PAPER, U8
 from evs.tools.sweep.pareto_front import (
     DEFAULT,
     ErrorMetric,

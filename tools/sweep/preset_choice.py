@@ -84,13 +84,21 @@ def preset_candidates(
     records: Iterable[SweepRecord], metric: ErrorMetric = DEFAULT
 ) -> list[PresetCandidate]:
     """The configurations that a preset could be and that were measured on every scene."""
-    every = [p for p in pareto_points(records, metric) if p.record.kind == OURS]
-    places = {(p.record.scene, p.record.camera) for p in every}
+    ours = [p for p in pareto_points(records, metric) if p.record.kind == OURS]
+    return [
+        one
+        for one in measured_everywhere(ours)
+        if all(key in KEYS for point in one.points for key in point.record.settings)
+    ]
+
+
+def measured_everywhere(points: Iterable[ParetoPoint]) -> list[PresetCandidate]:
+    """The configurations that have a point on every scene and camera of all of them."""
     found: dict[str, dict[tuple[str, str], ParetoPoint]] = {}
-    for point in every:
+    for point in points:
         record = point.record
-        if all(key in KEYS for key in record.settings):
-            found.setdefault(record.label, {})[record.scene, record.camera] = point
+        found.setdefault(record.label, {})[record.scene, record.camera] = point
+    places = {place for at in found.values() for place in at}
     return [
         PresetCandidate(label, tuple(at.values()))
         for label, at in found.items()

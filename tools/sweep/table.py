@@ -16,7 +16,7 @@ from evs.tools.sweep.pareto_front import (
     pareto_points,
     unmatched,
 )
-from evs.tools.sweep.preset_choice import choice_text, choose
+from evs.tools.sweep.preset_choice import KEYS, choice_text, choose, measured_everywhere
 from evs.tools.sweep.record import OURS, STAGES, Accuracy, ConfidenceInterval, Speed, SweepRecord
 
 
@@ -117,6 +117,8 @@ def markdown(records: Iterable[SweepRecord], about: SweepInfo | None = None) -> 
         *overview(every),
         "",
     ]
+    if mean := means(every):
+        lines += ["## Means over scenes and cameras", "", *mean, ""]
     if others := peers(every):
         lines += ["## How others do it", "", *others, ""]
     for (scene, camera), subset in cases(every).items():
@@ -153,6 +155,28 @@ def overview(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) -> l
     """
     ours = sorted((r for r in records if r.kind == OURS and not r.axis), key=_preset_rank)
     return _short(ours, [(r.preset, r) for r in ours], "the reference's own", metric)
+
+
+def means(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) -> list[str]:
+    """Lines of Markdown: every method that was measured everywhere, the fastest first.
+
+    Geometric mean of the real-time factor, arithmetic mean of the error as measured. One that has
+    several names is there once: as a preset, else by the first.
+    """
+    keys = {*KEYS, "scene.tick_us"}
+    comparable = [one for one in pareto_points(records, metric) if keys >= {*one.record.settings}]
+    comparable.sort(key=lambda one: bool(one.record.axis))
+    rows: dict[tuple[float, float], str] = {}
+    for one in measured_everywhere(comparable):
+        error = math.fsum(point.error for point in one.points) / len(one.points)
+        rows.setdefault((one.speed, error), one.label)
+    if not rows:
+        return []
+    return [
+        "| configuration | real-time factor | unmatched |",
+        "|---|---:|---:|",
+        *(f"| {rows[key]} | {number(key[0])} | {number(key[1])} |" for key in sorted(rows)[::-1]),
+    ]
 
 
 def peers(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) -> list[str]:

@@ -32,7 +32,7 @@ def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'evs.tools.testing' has no attribute {name!r}")
     # here, so that loading the plugin imports nothing else of evs
-    from evs.emulator.base.registry import load
+    from evs.msgs.registry import load
 
     return load(_HOMES[name])
 

@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.pictures import U8, write_png
+from evs.drivers.pictures import write_png
 from evs.drivers.pictures.chart import draw_chart
 from evs.drivers.pictures.chart_layout import Chart, Series
 from evs.drivers.pictures.pen import RGB
 from evs.drivers.pictures.scales import Scale, decades_around
 from evs.drivers.run.report import write_whole
+from evs.msgs.pictures import U8
 from evs.tools.training.export import export
 from evs.tools.training.fit import TrainedNetwork
 from evs.tools.training.settings import Variant

@@ -1,5 +1,7 @@
 """AEDAT2's bytes: header lines, then 8 bytes a word: big-endian u32 address, i32 time stamp (us).
 
+AEDAT1 has u16 addresses, those of a DVS128.
+
 Addresses count from the lower left, and x of events from the right:
 
     DAVIS    bit 31 clear: an event: 30-22 y, 21-12 x, 11 polarity, 10 external input
@@ -15,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-MAGIC = b"#!AER-DAT2"
+MAGIC, MAGIC_1 = b"#!AER-DAT2", b"#!AER-DAT1"
 END = "#End Of ASCII Header"
 EVS_LINE = "# evs "
 CHIP = "# AEChip: "
@@ -24,6 +26,8 @@ MAX_WIDTH, MAX_HEIGHT = 1 << 10, 1 << 9
 SPAN_US = 1 << 31
 
 WORD = np.dtype([("address", ">u4"), ("stamp", ">i4")])
+WORD_1 = np.dtype([("address", ">u2"), ("stamp", ">i4")])
+"""AEDAT1's"""
 
 APS, IMU, EXTERNAL = 0x80000000, 0xC00, 0x400
 

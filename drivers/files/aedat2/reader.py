@@ -1,4 +1,4 @@
-"""Aedat2File: any AEDAT2 file as events, and a DAVIS's frames and IMU samples."""
+"""Aedat2File: any AEDAT2 or AEDAT1 file as events, and a DAVIS's frames and IMU samples."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ from evs.drivers.files.aedat2.layout import (
     EXTERNAL,
     IMU,
     MAGIC,
+    MAGIC_1,
     MAX_HEIGHT,
     MAX_WIDTH,
     WORD,
+    WORD_1,
     Bits,
     header_lines,
     place,
@@ -38,7 +40,7 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass
 class Aedat2File(MultiStreamFile):
-    """An AEDAT2 file, of evs or jAER."""
+    """An AEDAT2 file, of evs or jAER, or an AEDAT1 file of a DVS128."""
 
     words_at: int = 0
     """where the words begin, bytes"""
@@ -46,21 +48,25 @@ class Aedat2File(MultiStreamFile):
     """time of its time stamp 0, us"""
     is_davis: bool = True
     """whether it is a DAVIS; if not, a DVS128"""
+    word: np.dtype[np.void] = WORD
+    """of an event"""
     part: int | None = None
     """number of this file in a recording of several, from 0; None: not stated"""
 
     @classmethod
     def at(cls, path: AnyPath) -> Aedat2File:
-        """Open a file and read its header. EvsError: no such file, not AEDAT2."""
+        """Open a file and read its header. EvsError: no such file, of another version."""
         found, data = read_file_head(path)
-        if not data.startswith(MAGIC):
+        if not data.startswith((MAGIC, MAGIC_1)):
             raise EvsError(
                 f"{found} is not a readable AEDAT2 file: it does not begin with {MAGIC.decode()}; "
-                "older files than version 2 are not read"
+                f"to read a file of version 1 without a header, put the line {MAGIC_1.decode()}.0 "
+                "before it"
             )
+        is_first = data.startswith(MAGIC_1)
         lines, words_at = header_lines(data)
         if not lines:
-            raise EvsError(f"{found} is not a readable AEDAT2 file: its first line is damaged")
+            raise EvsError(f"{found} is not a readable AEDAT file: its first line is damaged")
         stated, chip = own_line_and_chip(lines, EVS_LINE, CHIP)
         base, part = (stated or {}).get("time_base_us", 0), (stated or {}).get("part")
         opened = cls(
@@ -70,8 +76,11 @@ class Aedat2File(MultiStreamFile):
             words_at=words_at,
             base_us=base if isinstance(base, int) and 0 <= base < 1 << 61 else 0,
             part=part - 1 if isinstance(part, int) and part > 0 else None,
-            is_davis=stated is not None or "DVS128" not in chip.upper(),
+            is_davis=not is_first and (stated is not None or "DVS128" not in chip.upper()),
+            word=WORD_1 if is_first else WORD,
         )
+        if is_first and not opened.stream.width:
+            opened.stream = replace(opened.stream, width=128, height=128, sensor="dvs128")
         stream = opened.stream
         fits = 0 < stream.width <= MAX_WIDTH and 0 < stream.height <= MAX_HEIGHT
         if not fits or (opened.is_davis and stated is None):
@@ -81,7 +90,8 @@ class Aedat2File(MultiStreamFile):
     def _iterate(self, events: bool, auxiliary: bool) -> Iterator[Events | Frame | ImuSamples]:
         """The requested messages; external inputs and torn frames are counted in `left_out`."""
         integrity, left_out = IntegrityReport(noun="words"), dict[str, int]()
-        bad, interleaver = _BadWordTracker(self.words_at), Interleaver()
+        bad = _BadWordTracker(self.words_at, self.word.itemsize)
+        interleaver = Interleaver()
         sorter, unwrap = EventSorter(integrity, self.stream), TimestampUnwrapper(self.base_us)
         aps = FrameAssembler(self.stream.width, self.stream.height, self.stream.camera)
         imu = ImuAssembler()
@@ -109,7 +119,7 @@ class Aedat2File(MultiStreamFile):
                 if events:
                     kept = np.flatnonzero(is_event & ~off)
                     found = make_events(t[kept], x[kept], y[kept], p[kept])
-                    for part in sorter.feed(found, at + 8 * kept):
+                    for part in sorter.feed(found, at + self.word.itemsize * kept):
                         yield from interleaver.merge(part)
         for part in sorter.flush():
             yield from interleaver.merge(part)
@@ -125,10 +135,10 @@ class Aedat2File(MultiStreamFile):
 
     def _words(self, file: BinaryIO) -> Iterator[tuple[int, npt.NDArray[np.void]]]:
         """(byte offset, words) of each chunk, without a torn last word."""
-        at = self.words_at
+        at, size = self.words_at, self.word.itemsize
         file.seek(at)
-        while len(chunk := file.read(8 * _CHUNK_WORDS)) >= 8:
-            words = np.frombuffer(chunk, WORD, len(chunk) // 8)
+        while len(chunk := file.read(size * _CHUNK_WORDS)) >= size:
+            words = np.frombuffer(chunk, self.word, len(chunk) // size)
             self.position = at
             yield at, words
             at += len(chunk)
@@ -191,7 +201,8 @@ class Aedat2File(MultiStreamFile):
 class _BadWordTracker:
     """Tracks words outside the sensor; after the last valid word they are part of a torn tail."""
 
-    def __init__(self, begin: int) -> None:
+    def __init__(self, begin: int, word_bytes: int) -> None:
+        self._word_bytes = word_bytes
         self.sound_end = begin
         """byte offset of the end of the last valid word"""
         self._waiting: list[tuple[int, str, int]] = []
@@ -205,12 +216,12 @@ class _BadWordTracker:
             for found in self._waiting:
                 integrity.corrupt(*found)
             self._waiting = []
-            self.sound_end = at + 8 * whole
+            self.sound_end = at + self._word_bytes * whole
         for begin, end in ((0, whole), (whole, len(off))):
             bad = np.flatnonzero(off[begin:end]) + begin
             if len(bad):
                 reason = f"address {int(address[bad[0]]):#010x} lies outside the sensor"
-                found = at + 8 * int(bad[0]), reason, len(bad)
+                found = at + self._word_bytes * int(bad[0]), reason, len(bad)
                 if end == whole:
                     integrity.corrupt(*found)
                 else:

@@ -11,6 +11,7 @@ PACKET = "event_camera_msgs/msg/EventPacket"
 ARRAY = "dvs_msgs/msg/EventArray"
 EVENT = "dvs_msgs/msg/Event"
 TEXT = "std_msgs/msg/String"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 DEFINITIONS = {
     PACKET: """std_msgs/Header header
@@ -32,6 +33,7 @@ uint32 height
 uint32 width
 dvs_msgs/Event[] events
 """,
+    TRANSFORMS: "geometry_msgs/TransformStamped[] transforms\n",
 }
 """message type -> its definition, as its package has it"""
 
@@ -39,6 +41,7 @@ dvs_msgs/Event[] events
 def load() -> Any:
     """Import the library; EvsError names the extra where it is missing."""
     try:
+        import rosbags.interfaces
         import rosbags.rosbag1
         import rosbags.rosbag2
         import rosbags.typesys
@@ -54,6 +57,7 @@ def typestore(ros: int) -> Any:
     store = types.get_typestore(types.Stores.ROS1_NOETIC if ros == 1 else types.Stores.ROS2_HUMBLE)
     time = "time" if ros == 1 else "builtin_interfaces/Time"
     for name, definition in DEFINITIONS.items():
-        text = definition.replace("{time}", time)
-        store.register(types.get_types_from_msg(text, name))
+        if name not in store.types:
+            text = definition.replace("{time}", time)
+            store.register(types.get_types_from_msg(text, name))
     return store

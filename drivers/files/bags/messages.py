@@ -1,4 +1,4 @@
-"""Messages in bags: dvs_msgs/EventArray as bytes; images, IMU samples and calibration as objects.
+"""Messages in bags: dvs_msgs/EventArray as bytes; images, IMU samples, calibration and poses.
 
 An EventArray is converted as a whole, as ROS 1 and ROS 2 write it. Both begin with the header (ROS
 1: a sequence number first), height, width and the number of events; strings are zero-terminated in
@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.files.bags.library import typestore
-from evs.msgs import Events, Frame, ImuSamples, StreamInfo, empty_imu, make_events
+from evs.drivers.files.bags.names import FrameIds
+from evs.msgs import Events, Frame, ImuSamples, Pose, StreamInfo, empty_imu, make_events
 from evs.msgs.frame import FRAME_ENCODINGS
 
 _ROS1 = np.dtype([("x", "<u2"), ("y", "<u2"), ("s", "<u4"), ("ns", "<u4"), ("p", "u1")])
@@ -127,8 +128,15 @@ IMAGE = "sensor_msgs/msg/Image"
 EXPOSURE = "std_msgs/msg/Int32"
 SAMPLE = "sensor_msgs/msg/Imu"
 INFO = "sensor_msgs/msg/CameraInfo"
+POSE = "geometry_msgs/msg/PoseStamped"
 
-TOPICS = {IMAGE: "image_raw", EXPOSURE: "exposure", SAMPLE: "imu", INFO: "camera_info"}
+TOPICS = {
+    IMAGE: "image_raw",
+    EXPOSURE: "exposure",
+    SAMPLE: "imu",
+    INFO: "camera_info",
+    POSE: "pose",
+}
 """message type -> topic in the camera's namespace; exposure, in us, comes before its image"""
 
 _GREY = FRAME_ENCODINGS | {"8UC1": FRAME_ENCODINGS["mono8"], "16UC1": FRAME_ENCODINGS["mono16"]}
@@ -202,11 +210,9 @@ def sample_of(message: Any) -> ImuSamples:
     return sample
 
 
-def info_message(store: Any, header: Any, stream: StreamInfo, ros: int) -> Any | None:
-    """The CameraInfo message of a stream; None where the stream has no calibration."""
-    info = stream.camera_info
-    if not {"k", "r", "p", "d"} <= set(info):
-        return None
+def info_message(store: Any, header: Any, stream: StreamInfo, ros: int) -> Any:
+    """The CameraInfo message of a stream; without a calibration, all is zero but the size."""
+    info = stream.camera_info if is_calibrated(stream) else _UNCALIBRATED
     numbers = {name: np.array(info[name], np.float64) for name in "dkrp"}
     if ros == 1:
         numbers = {name.upper(): value for name, value in numbers.items()}
@@ -220,6 +226,88 @@ def info_message(store: Any, header: Any, stream: StreamInfo, ros: int) -> Any |
         roi=store.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False),
         **numbers,
     )
+
+
+_UNCALIBRATED = {"distortion_model": "", "d": [], "k": [0.0] * 9, "r": [0.0] * 9, "p": [0.0] * 12}
+"""as CameraInfo.msg asks of an uncalibrated camera"""
+
+
+def is_calibrated(stream: StreamInfo) -> bool:
+    """Whether a stream has a calibration."""
+    return {"k", "r", "p", "d"} <= set(stream.camera_info)
+
+
+OPTICAL_IN_LINK = (-0.5, 0.5, -0.5, 0.5)
+"""unit quaternion (x, y, z, w) that turns the optical frame (x right, y down, z forward) into the
+camera's body (x forward, y left, z up)"""
+
+
+def pose_message(store: Any, header: Any, pose: Pose) -> Any:
+    """The PoseStamped message of the optical frame; the header's frame is the world's."""
+    types = store.types
+    place = types["geometry_msgs/msg/Pose"](
+        position=types["geometry_msgs/msg/Point"](*map(float, pose.position)),
+        orientation=types["geometry_msgs/msg/Quaternion"](*map(float, pose.orientation)),
+    )
+    return types[POSE](header=header, pose=place)
+
+
+def link_transform(store: Any, header: Any, frames: FrameIds, pose: Pose) -> Any:
+    """The TransformStamped message of the camera's link; the header's frame is the world's."""
+    turn = link_orientation(pose.orientation)
+    return _transform(store, header, frames.link, turn, pose.position)
+
+
+def static_transforms(store: Any, header: Any, frames: FrameIds, imu: bool) -> list[Any]:
+    """The TransformStamped messages of a camera's frames in its link.
+
+    Args:
+        store: The message types.
+        header: Its frame is the link.
+        frames: The camera's.
+        imu: Whether it has an IMU.
+    """
+    children = [frames.camera]
+    # a frame has one transform
+    if imu and frames.imu != frames.camera:
+        children.append(frames.imu)
+    return [_transform(store, header, child, OPTICAL_IN_LINK) for child in children]
+
+
+def link_orientation(optical: tuple[float, float, float, float]) -> tuple[float, ...]:
+    """The orientation of the camera's link.
+
+    Args:
+        optical: Unit quaternion (x, y, z, w) that turns the optical frame into the world's.
+
+    Returns:
+        The same of the link: the product with the inverse of OPTICAL_IN_LINK.
+    """
+    x, y, z, w = optical
+    i, j, k, r = OPTICAL_IN_LINK
+    return (
+        x * r - w * i - y * k + z * j,
+        y * r - w * j - z * i + x * k,
+        z * r - w * k - x * j + y * i,
+        w * r + x * i + y * j + z * k,
+    )
+
+
+def _transform(
+    store: Any,
+    header: Any,
+    child: str,
+    turn: tuple[float, ...],
+    position: tuple[float, ...] = (0.0, 0.0, 0.0),
+) -> Any:
+    """A TransformStamped message: turn (x, y, z, w) and place, m, of a child in its parent."""
+    types = store.types
+    transform = types["geometry_msgs/msg/Transform"](
+        translation=types["geometry_msgs/msg/Vector3"](*map(float, position)),
+        rotation=types["geometry_msgs/msg/Quaternion"](*map(float, turn)),
+    )
+    kind = types["geometry_msgs/msg/TransformStamped"]
+    return kind(header=header, child_frame_id=child, transform=transform)
 
 
 def stamp_us(message: Any) -> int:

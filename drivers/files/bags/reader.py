@@ -51,7 +51,7 @@ from evs.msgs import (
     StreamInfo,
     Triggers,
 )
-from evs.msgs.codecs import READABLE, PayloadReader
+from evs.msgs.codecs import PAYLOADS, PayloadReader
 
 ARRAYS = (ARRAY, "prophesee_event_msgs/msg/EventArray")
 PACKETS = (PACKET, "event_array_msgs/msg/EventArray")
@@ -249,7 +249,7 @@ class BagFile(MultiStreamFile):
             yield message.events
             return
         name = message.encoding
-        if name not in READABLE:
+        if name not in PAYLOADS:
             _count(left_out, f"packets of encoding {name[:20]!r}")
             return
         if name not in readers:

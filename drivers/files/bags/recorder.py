@@ -13,23 +13,29 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.files.bags.library import ARRAY, PACKET, TEXT, load, typestore
+from evs.drivers.files.bags.library import ARRAY, PACKET, TEXT, TRANSFORMS, load, typestore
 from evs.drivers.files.bags.messages import (
     EXPOSURE,
     IMAGE,
     INFO,
+    POSE,
     SAMPLE,
     TOPICS,
     array_bytes,
     image_message,
     info_message,
+    is_calibrated,
+    link_transform,
+    pose_message,
     sample_message,
+    static_transforms,
 )
+from evs.drivers.files.bags.names import as_name, check_tree, frame_ids, node_path
 from evs.drivers.files.formats import AnyPath
 from evs.drivers.files.library_recorder import LibraryRecorder
 from evs.drivers.sink import Stream
-from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, unknown
-from evs.msgs.codecs import PAYLOADS, TIME_ORIGIN_US, PayloadWriter
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pose, unknown
+from evs.msgs.codecs import LAST_ROS_US, PAYLOADS, TIME_ORIGIN_US, PayloadWriter
 
 DVS = "dvs"
 """encoding: dvs_msgs/EventArray instead of an encoding of event_camera_msgs/EventPacket"""
@@ -39,31 +45,58 @@ STREAM_TOPIC = "evs_stream"
 
 
 class _BagRecorder(LibraryRecorder):
-    """Writes the topics of the real drivers, NAMESPACE/events; time stamps are simulated time."""
+    """Writes the topics and frames of a live camera; time stamps are simulated time."""
 
     ROS: int
-    NAMESPACE: str
-    streams = frozenset({Stream.EVENTS, Stream.FRAMES, Stream.IMU})
+    streams = frozenset({Stream.EVENTS, Stream.FRAMES, Stream.IMU, Stream.POSE})
     LIBRARY_ERRORS = (OSError, RuntimeError)
 
-    def __init__(self, path: AnyPath, encoding: str | None = None) -> None:
+    def __init__(
+        self,
+        path: AnyPath,
+        encoding: str | None = None,
+        *,
+        node: str = "",
+        namespace: str = "",
+        camera_frame_id: str = "",
+        imu_frame_id: str = "",
+        link_frame_id: str = "",
+        world_frame: str = "world",
+        tf: bool = True,
+        tf_static: bool | None = None,
+    ) -> None:
         """Make a recorder that is not open yet.
 
         Args:
             path: The file to write.
-            encoding: evt3, libcaer or mono (event_camera_msgs), or dvs (dvs_msgs).
+            encoding: A key of PAYLOADS (event_camera_msgs), or dvs (dvs_msgs).
+            node: Last part of the topics' namespace; the camera's name if empty. ROS 2 only.
+            namespace: What comes before it. ROS 2 only.
+            camera_frame_id: The optical frame; NODE_optical_frame if empty.
+            imu_frame_id: Frame of the IMU samples; NODE_imu_frame if empty.
+            link_frame_id: The camera's body; NODE_link if empty.
+            world_frame: Reference frame of the poses.
+            tf: Whether /tf holds the link in the world.
+            tf_static: Whether /tf_static holds the first two frames in the link; None: as tf.
         """
         super().__init__(path)
         load()
         self._limits = self._format.capabilities_for(encoding)
         self._encoding = encoding
+        self._node, self._namespace = node, namespace
+        self._given_frames = camera_frame_id, imu_frame_id, link_frame_id
+        self._frames = frame_ids("")
+        self._world_frame = world_frame
+        self._tf, self._tf_static = tf, tf if tf_static is None else tf_static
+        self._prefix = ""
         self._payloads: PayloadWriter | None = None
         self._store: Any = None
         self._writer: Any = None
         self._topic: Any = None
         self._others: dict[str, Any] = {}
-        self._frames = 0
+        self._images = 0
         self._imu_samples = 0
+        self._poses = 0
 
     @abstractmethod
     def _open_storage(self, path: Path) -> Storage:
@@ -72,6 +105,14 @@ class _BagRecorder(LibraryRecorder):
     @abstractmethod
     def _default_encoding(self) -> str:
         """The encoding where none is requested."""
+
+    @abstractmethod
+    def _topic_prefix(self, path: str) -> str:
+        """What the topics of the node at `path`, as in /robot/camera, begin with."""
+
+    @abstractmethod
+    def _connect(self, topic: str, kind: str, *, latched: bool = False) -> Any:
+        """Declare a topic; `latched`: a player keeps its messages for later readers."""
 
     def _create(self, path: Path) -> None:
         encoding = self._encoding or self._default_encoding()
@@ -88,27 +129,46 @@ class _BagRecorder(LibraryRecorder):
             origin_us = TIME_ORIGIN_US - self.stream.start_us
             self._payloads = PayloadWriter(encoding, time_origin_us=origin_us)
         self._store = typestore(self.ROS)
+        path_of_node = node_path(self._node or as_name(self.stream.camera), self._namespace, "")
+        self._prefix = self._topic_prefix(path_of_node)
+        self._frames = frame_ids(path_of_node, *self._given_frames)
+        if self._tf or self._tf_static:
+            check_tree(self._frames, self._world_frame if self._tf else None)
         self._storage = self._open_storage(path)
         self._writer = self._storage.writer
         kind = ARRAY if encoding == DVS else PACKET
-        self._topic = self._connect("events", kind)
+        self._topic = self._connect(f"{self._prefix}/events", kind)
         description = {
             "stream": dataclasses.asdict(self.stream),
             "time_origin_us": TIME_ORIGIN_US - self.stream.start_us if encoding == "evt3" else 0,
         }
         text = self._store.types[TEXT](data=json.dumps(description, default=str))
-        self._send(self._connect(STREAM_TOPIC, TEXT), 0, self._serialised(text, TEXT))
-        wanted = {IMAGE: self.stream.frames, EXPOSURE: self.stream.frames, SAMPLE: self.stream.imu}
-        info = info_message(self._store, self._header(0), self.stream, self.ROS)
-        for kind, name in TOPICS.items():
-            if wanted.get(kind, info is not None):
-                self._others[kind] = self._connect(name, kind)
-        if info is not None:
-            self._send(self._others[INFO], 0, self._serialised(info, INFO))
+        about = self._connect(f"{self._prefix}/{STREAM_TOPIC}", TEXT)
+        # ROS has no later time; events after it are refused
+        begin_us = min(self.stream.start_us, LAST_ROS_US)
+        self._send(about, begin_us, self._serialised(text, TEXT))
+        frames, calibrated = self.stream.frames, is_calibrated(self.stream)
+        wanted = {IMAGE: frames, EXPOSURE: frames, INFO: frames or calibrated}
+        wanted[SAMPLE] = self.stream.imu
+        for kind, is_wanted in wanted.items():
+            if is_wanted:
+                self._others[kind] = self._connect(f"{self._prefix}/{TOPICS[kind]}", kind)
+        if calibrated and not frames:
+            self._send_info(begin_us, begin_us)
+        if self._tf_static:
+            self._send_static(begin_us)
 
-    def _connect(self, name: str, kind: str) -> Any:
-        topic = f"{self.NAMESPACE}/{name}"
-        return self._writer.add_connection(topic, kind, typestore=self._store)
+    def _send_info(self, stamp_us: int, t_us: int) -> None:
+        """Send the camera_info with this stamp, at this time of the bag."""
+        info = info_message(self._store, self._header(stamp_us), self.stream, self.ROS)
+        self._send(self._others[INFO], t_us, self._serialised(info, INFO))
+
+    def _send_static(self, t_us: int) -> None:
+        header = self._header(t_us, self._frames.link)
+        found = static_transforms(self._store, header, self._frames, self.stream.imu)
+        message = self._store.types[TRANSFORMS](transforms=found)
+        topic = self._connect("/tf_static", TRANSFORMS, latched=True)
+        self._send(topic, t_us, self._serialised(message, TRANSFORMS))
 
     def _write_packet(self, packet: EventPacket) -> None:
         events, stream = packet.events, self.stream
@@ -116,7 +176,7 @@ class _BagRecorder(LibraryRecorder):
         if self._payloads is None:
             sides = stream.height, stream.width
             data: bytes | memoryview = array_bytes(
-                events, self.ROS, self._packets, stream.camera, *sides
+                events, self.ROS, self._packets, self._frames.camera, *sides
             )
         else:
             base_ns, payload = self._payloads.payload(events)
@@ -135,7 +195,10 @@ class _BagRecorder(LibraryRecorder):
         self._send(self._topic, last_us, data)
 
     def write_frame(self, frame: Frame) -> None:
-        """Write one image and its exposure. Errors as `write`; EvsError for undeclared frames."""
+        """Write one image, its exposure and its camera_info.
+
+        Errors as `write`; EvsError for undeclared frames.
+        """
         self._check_declared(IMAGE, "frames", frame.exposure_begin_us)
         self._reserve(frame.pixels.nbytes)
         with self._library_errors():
@@ -146,7 +209,8 @@ class _BagRecorder(LibraryRecorder):
             for message, kind in ((exposure_message, EXPOSURE), (image, IMAGE)):
                 data = self._serialised(message, kind)
                 self._send(self._others[kind], frame.end_us, data)
-            self._frames += 1
+            self._send_info(frame.exposure_begin_us, frame.end_us)
+            self._images += 1
         self._sync_if_due(frame.end_us)
 
     def write_imu(self, packet: ImuPacket) -> None:
@@ -156,32 +220,63 @@ class _BagRecorder(LibraryRecorder):
             self._check_declared(SAMPLE, "imu", t_us)
             self._reserve(0)
             with self._library_errors():
-                message = sample_message(self._store, self._header(t_us), sample)
+                header = self._header(t_us, self._frames.imu)
+                message = sample_message(self._store, header, sample)
                 self._send(self._others[SAMPLE], t_us, self._serialised(message, SAMPLE))
                 self._imu_samples += 1
             self._sync_if_due(t_us)
+
+    def write_pose(self, pose: Pose) -> None:
+        """Write the pose, as such and for tf. Errors as `write`."""
+        self._check_open()
+        self._check_stamp("poses", pose.t_us)
+        self._reserve(0)
+        with self._library_errors():
+            if POSE not in self._others:
+                # declared late: no recording that is converted has poses
+                self._others[POSE] = self._connect(f"{self._prefix}/{TOPICS[POSE]}", POSE)
+                if self._tf:
+                    self._others[TRANSFORMS] = self._connect("/tf", TRANSFORMS)
+            header = self._header(pose.t_us, self._world_frame)
+            message = pose_message(self._store, header, pose)
+            self._send(self._others[POSE], pose.t_us, self._serialised(message, POSE))
+            if self._tf:
+                moved = link_transform(self._store, header, self._frames, pose)
+                message = self._store.types[TRANSFORMS](transforms=[moved])
+                self._send(
+                    self._others[TRANSFORMS], pose.t_us, self._serialised(message, TRANSFORMS)
+                )
+            self._poses += 1
+        self._sync_if_due(pose.t_us)
 
     def _check_declared(self, kind: str, key: str, t_us: int) -> None:
         self._check_open()
         if kind not in self._others:
             raise EvsError(f"{self._path} was opened without {key}: set {key} of its StreamInfo")
-        if t_us < 0:
-            raise EvsError(f"cannot record {key} at {t_us} us to {self._path}: .aedat4 holds them")
+        self._check_stamp(key, t_us)
+
+    def _check_stamp(self, what: str, t_us: int) -> None:
+        if not 0 <= t_us <= LAST_ROS_US:
+            raise EvsError(
+                f"cannot record {what} at {t_us} us to {self._path}, as ROS has 0 ... "
+                f"{LAST_ROS_US} us: record to .aedat4"
+            )
 
     def close(self) -> dict[str, Any]:
-        """As LibraryRecorder's, with the numbers of frames and samples."""
-        counts = {"frames": self._frames, "imu_samples": self._imu_samples}
+        """As LibraryRecorder's, with the numbers of frames, samples and poses."""
+        counts = {"frames": self._images, "imu_samples": self._imu_samples, "poses": self._poses}
         return super().close() | counts
 
     def _send(self, topic: Any, t_us: int, data: bytes | memoryview) -> None:
         self._writer.write(topic, t_us * 1000, data)
 
-    def _header(self, t_us: int) -> Any:
+    def _header(self, t_us: int, frame_id: str | None = None) -> Any:
         seconds, rest = divmod(t_us, 1_000_000)
         types = self._store.types
         stamp = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=rest * 1000)
         sequence = {"seq": self._packets & 0xFFFFFFFF} if self.ROS == 1 else {}
-        return types["std_msgs/msg/Header"](stamp=stamp, frame_id=self.stream.camera, **sequence)
+        name = self._frames.camera if frame_id is None else frame_id
+        return types["std_msgs/msg/Header"](stamp=stamp, frame_id=name, **sequence)
 
     def _serialised(self, message: Any, kind: str) -> memoryview:
         serialise = self._store.serialize_ros1 if self.ROS == 1 else self._store.serialize_cdr
@@ -206,32 +301,68 @@ class _BagRecorder(LibraryRecorder):
 class Ros1Recorder(_BagRecorder):
     """A ROS 1 bag: /dvs/events of dvs_msgs/EventArray, unless another encoding is requested."""
 
-    NAME, ROS, NAMESPACE = "rosbag1", 1, "/dvs"
+    NAME, ROS = "rosbag1", 1
 
     def _default_encoding(self) -> str:
         return DVS
+
+    def _topic_prefix(self, path: str) -> str:  # noqa: ARG002 - that of rpg_dvs_ros
+        return "/dvs"
+
+    def _connect(self, topic: str, kind: str, *, latched: bool = False) -> Any:
+        return self._writer.add_connection(
+            topic, kind, typestore=self._store, latching=1 if latched else None
+        )
 
     def _open_storage(self, path: Path) -> Storage:
         return Ros1BagFile(path)
 
 
 class Ros2Recorder(_BagRecorder):
-    """A rosbag2 file, MCAP or SQLite: /event_camera/events of event_camera_msgs/EventPacket.
+    """A rosbag2 file, MCAP or SQLite: /CAMERA/events of event_camera_msgs/EventPacket.
 
     EVT3, as real drivers record it, or libcaer where the sensor is too large for that.
     """
 
-    NAME, ROS, NAMESPACE = "rosbag2", 2, "/event_camera"
+    NAME, ROS = "rosbag2", 2
 
     def _default_encoding(self) -> str:
         limits = PAYLOADS["evt3"]
         fits = self.stream.width <= limits.width and self.stream.height <= limits.height
         return "evt3" if fits else "libcaer"
 
+    def _topic_prefix(self, path: str) -> str:
+        return path
+
+    def _connect(self, topic: str, kind: str, *, latched: bool = False) -> Any:
+        return self._writer.add_connection(
+            topic, kind, typestore=self._store, offered_qos_profiles=_latched() if latched else ()
+        )
+
     def _open_storage(self, path: Path) -> Storage:
         if self._path.suffix.lower() == ".db3":
             return SqliteFile(path, self._path.stem)
         return McapFile(path, self._path.stem)
+
+
+def _latched() -> list[Any]:
+    """The quality of service of tf2's static broadcaster, with which a player repeats it."""
+    kinds = load().interfaces
+    # the longest time that ROS has, as its own recorder writes it
+    never = kinds.QosTime(9223372036, 854775807)
+    return [
+        kinds.Qos(
+            history=kinds.QosHistory.KEEP_LAST,
+            depth=1,
+            reliability=kinds.QosReliability.RELIABLE,
+            durability=kinds.QosDurability.TRANSIENT_LOCAL,
+            deadline=never,
+            lifespan=never,
+            liveliness=kinds.QosLiveliness.AUTOMATIC,
+            liveliness_lease_duration=never,
+            avoid_ros_namespace_conventions=False,
+        )
+    ]
 
 
 class Storage(ABC):

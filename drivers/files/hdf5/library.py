@@ -12,6 +12,9 @@ from typing import Any
 from evs.drivers.files.hdf5.superblock import BYTES, unmarked
 from evs.msgs import EvsError
 
+ECF_FILTER = 0x8ECF
+"""HDF5's number of Metavision's codec; no package on PyPI has the filter itself"""
+
 MAX_PIECE_BYTES = 1 << 28
 """most bytes of a chunk, which is decompressed as a whole"""
 
@@ -83,10 +86,28 @@ def _check_inside(one: Any) -> None:
         raise OutsideError(f"{one.name} has pieces of {piece} bytes")
 
 
-def value(group: Any, path: str) -> Any:
-    """The value of a scalar data set; None where there is none, or it holds several."""
+def filters(one: Any) -> list[int]:
+    """The numbers of a data set's filters."""
+    layout = one.id.get_create_plist()
+    return [layout.get_filter(k)[0] for k in range(layout.get_nfilters())]
+
+
+def value(group: Any, path: str, raw: Path) -> Any:
+    """The value of a scalar data set of the file `raw`; None where there is none or several."""
     found = own(group, path)
-    return None if getattr(found, "size", None) != 1 else found[()]
+    if getattr(found, "size", None) != 1:
+        return None
+    if found.dtype.kind == "O":
+        # HDF5 would reserve whatever length a text states, which is its first number
+        at = found.id.get_offset()
+        if at is None:
+            return None
+        with raw.open("rb") as file:
+            file.seek(at)
+            stated = int.from_bytes(file.read(4), "little")
+        if stated > raw.stat().st_size:
+            raise OutsideError(f"{path} states a text of {stated} bytes")
+    return found[()]
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from evs.drivers.allocate import allocate
 from evs.drivers.files.npz import zip_archive
 from evs.drivers.files.paths import target_error
 from evs.msgs import EvsError
@@ -158,7 +159,7 @@ class NpzFrameWriter:
         try:
             if not stat.S_ISREG(os.fstat(file).st_mode):
                 raise OSError(0, "it is no file that can be filled in any order")
-            os.posix_fallocate(file, 0, self._size)
+            allocate(file, self._size)
             os.ftruncate(file, self._size)
         except OSError as reason:
             if before is not None:

@@ -13,6 +13,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from evs.drivers.allocate import allocate
 from evs.drivers.files.capabilities import one_stream
 from evs.drivers.files.npz.auxiliary import LABEL_ARRAYS, PIXELS, STAMPS, arrays_of
 from evs.drivers.files.npz.columns import ArraySpool, write_array
@@ -192,7 +193,7 @@ class NpzRecorder(Sink):
         needed = _RESERVE_BYTES + 14 * events + auxiliary_bytes + auxiliary_bytes // 1000
         if needed > self._reserved and self._file is not None:
             grown = needed + _RESERVE_BYTES
-            os.posix_fallocate(self._file.fileno(), 0, grown)
+            allocate(self._file.fileno(), grown)
             self._reserved = grown
 
     def _discard(self) -> None:

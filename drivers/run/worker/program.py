@@ -241,6 +241,8 @@ def _open(link: socket.socket, setup: dict[str, Any]) -> tuple[Sink, list[Stream
     from evs.drivers.run.config import SinkConfig, make_sink
 
     if setup["cores"] is not None:
+        if not hasattr(os, "sched_setaffinity"):
+            raise EvsError("aside_cores needs Linux: leave it out")
         try:
             os.sched_setaffinity(0, setup["cores"])
         except OSError:

@@ -14,6 +14,7 @@ import threading
 from collections.abc import Sequence
 from types import TracebackType
 
+from evs.drivers.allocate import allocate
 from evs.msgs import EvsError
 
 CONTROL_BYTES = 4096
@@ -78,7 +79,7 @@ class SharedMemory:
         try:
             number = _nameless()
             # allocated now: a page that is missing later would kill the writer
-            os.posix_fallocate(number, 0, size)
+            allocate(number, size)
             return cls(number, size)
         except OSError as reason:
             if number >= 0:

@@ -196,7 +196,7 @@ class WorkerSink(Sink):
 
     @property
     def _name(self) -> str:
-        given = (self._config.get(key) for key in ("file", "rrd", "address"))
+        given = (self._config.get(key) for key in ("file", "rrd", "mcap", "address"))
         place = next((one for one in given if one), "")
         return f"{self._config['type']} sink" + (f" '{place}'" if place else "")
 

@@ -16,6 +16,7 @@ std::vector<std::string> isa_available() {
     names.push_back("avx2");
   }
 #endif
+  if (EVS_BUILT_NEON) names.push_back("neon");  // every 64-bit ARM processor has it
   if (EVS_BUILT_PORTABLE) names.push_back("portable");
   if (names.empty()) {
     throw std::runtime_error(

@@ -12,10 +12,18 @@
 #else
 #define EVS_X86 0
 #endif
+#if defined(__aarch64__)
+#define EVS_ARM64 1
+#else
+#define EVS_ARM64 0
+#endif
 
 // Instruction sets in this build: all, or with EVS_ISA=native only the best of this machine.
 #ifndef EVS_BUILT_PORTABLE
 #define EVS_BUILT_PORTABLE 1
+#endif
+#ifndef EVS_BUILT_NEON
+#define EVS_BUILT_NEON EVS_ARM64
 #endif
 #ifndef EVS_BUILT_AVX2
 #define EVS_BUILT_AVX2 EVS_X86
@@ -27,7 +35,7 @@
 namespace evs {
 
 // The instruction sets that this machine runs and this build holds, best first: of "avx512",
-// "avx2", "portable".
+// "avx2", "neon", "portable".
 std::vector<std::string> isa_available();
 
 }  // namespace evs

@@ -1,9 +1,10 @@
 // Elementary functions that give the same bits for every compiler, machine and vector width. They
-// use only + - * / and integer operations, so that loops over them vectorise, and no fma: the build
-// turns contraction off. NumPy repeats every step (emulator/sensor/reference is the oracle).
+// use only + - * / sqrt and integer operations, so that loops over them vectorise, and no fma: the
+// build turns contraction off. NumPy repeats every step (emulator/sensor/reference is the oracle).
 #pragma once
 
 #include <bit>
+#include <cmath>
 #include <cstdint>
 
 #if defined(__GNUC__)
@@ -25,6 +26,12 @@ EVS_ALWAYS_INLINE double select(bool holds, double a, double b) {
   const uint64_t mask = uint64_t{0} - static_cast<uint64_t>(holds);
   return std::bit_cast<double>((std::bit_cast<uint64_t>(a) & mask) |
                                (std::bit_cast<uint64_t>(b) & ~mask));
+}
+
+// sqrt(a^2 + b^2). A double holds the squares of all floats, so nothing overflows. std::hypot
+// would ask for a libm that systems older than 2022 do not have.
+EVS_ALWAYS_INLINE float hypotenuse(float a, float b) {
+  return static_cast<float>(std::sqrt(static_cast<double>(a) * a + static_cast<double>(b) * b));
 }
 
 // Natural logarithm of a normal, positive, finite number. Error below 0.86 ulp; ln(1) = 0 exactly,

@@ -313,12 +313,18 @@ EVS_INLINE Float max(Float a, Float b) {
 #endif
 }
 EVS_INLINE Float abs(Float a) {
+#if EVS_NEON
+  EVS_PARTS a.v[i] = (FloatPart)vabsq_f32((float32x4_t)a.v[i]);
+#else
   EVS_PARTS a.v[i] = (FloatPart)((IntPart)a.v[i] & 0x7fffffff);
+#endif
   return a;
 }
 EVS_INLINE Float sqrt(Float a) {
 #if defined(__SSE2__)
   EVS_PARTS a.v[i] = EVS_INTRINSIC(sqrt_ps)(a.v[i]);
+#elif EVS_NEON
+  EVS_PARTS a.v[i] = (FloatPart)vsqrtq_f32((float32x4_t)a.v[i]);
 #else
   EVS_PARTS for (int j = 0; j < PART; j++) a.v[i][j] = __builtin_sqrtf(a.v[i][j]);
 #endif
@@ -328,6 +334,13 @@ EVS_INLINE unsigned to_bits(Mask a) {
   unsigned r = 0;
 #if defined(__SSE2__)
   EVS_PARTS r |= static_cast<unsigned>(EVS_INTRINSIC(movemask_ps)((FloatPart)a.m[i])) << (i * PART);
+#elif EVS_NEON
+  // lanes i and i + 8 side by side, a byte each; keep the bits of both, and add all of them
+  const uint16x8_t low = vuzp1q_u16((uint16x8_t)a.m[0], (uint16x8_t)a.m[1]);
+  const uint16x8_t high = vuzp1q_u16((uint16x8_t)a.m[2], (uint16x8_t)a.m[3]);
+  const uint16x8_t lanes = (uint16x8_t)vtrn1q_u8((uint8x16_t)low, (uint8x16_t)high);
+  const uint16x8_t bits = {0x0101, 0x0202, 0x0404, 0x0808, 0x1010, 0x2020, 0x4040, 0x8080};
+  r = vaddvq_u16(vandq_u16(lanes, bits));
 #else
   EVS_PARTS for (int j = 0; j < PART; j++) r |= (a.m[i][j] & 1u) << (i * PART + j);
 #endif
@@ -335,19 +348,42 @@ EVS_INLINE unsigned to_bits(Mask a) {
 }
 EVS_INLINE Mask mask_from_bits(unsigned lanes) {
   Mask r;
+#if EVS_NEON
+  const IntPart all = static_cast<int>(lanes) - IntPart{}, bits = {1, 2, 4, 8};
+  EVS_PARTS r.m[i] = (all >> (i * PART) & bits) != 0;
+#else
   EVS_PARTS for (int j = 0; j < PART; j++) r.m[i][j] =
       -static_cast<int>((lanes >> (i * PART + j)) & 1u);
+#endif
   return r;
 }
 EVS_INLINE Float gather(const float* base, Int at) {
   Float r;
 #if EVS_VECTOR_BITS == 256
   EVS_PARTS r.v[i] = (FloatPart)_mm256_i32gather_ps(base, (__m256i)at.v[i], 4);
+#elif EVS_NEON
+  alignas(64) int index[LANES];
+  store(index, at);
+  __asm__("" : "+m"(index));  // as in gather_float4
+  EVS_PARTS {
+    const int* four = index + i * PART;
+    r.v[i] = FloatPart{base[four[0]], base[four[1]], base[four[2]], base[four[3]]};
+  }
 #else
   EVS_PARTS for (int j = 0; j < PART; j++) r.v[i][j] = base[at.v[i][j]];
 #endif
   return r;
 }
+#if EVS_NEON
+EVS_INLINE float reduce_min(Float a) {
+  auto both = [&](int i, int j) { return vminnmq_f32((float32x4_t)a.v[i], (float32x4_t)a.v[j]); };
+  return vminnmvq_f32(vminnmq_f32(both(0, 1), both(2, 3)));
+}
+EVS_INLINE float reduce_max(Float a) {
+  auto both = [&](int i, int j) { return vmaxnmq_f32((float32x4_t)a.v[i], (float32x4_t)a.v[j]); };
+  return vmaxnmvq_f32(vmaxnmq_f32(both(0, 1), both(2, 3)));
+}
+#else
 EVS_INLINE float reduce_min(Float a) {
   float r = a.v[0][0];
   EVS_PARTS for (int j = 0; j < PART; j++) r = a.v[i][j] < r ? a.v[i][j] : r;
@@ -358,6 +394,7 @@ EVS_INLINE float reduce_max(Float a) {
   EVS_PARTS for (int j = 0; j < PART; j++) r = a.v[i][j] > r ? a.v[i][j] : r;
   return r;
 }
+#endif
 EVS_INLINE void scatter(float* base, Int at, Float a, Mask m) {
   for (unsigned lanes = to_bits(m); lanes; lanes &= lanes - 1) {
     int i = __builtin_ctz(lanes);
@@ -365,12 +402,39 @@ EVS_INLINE void scatter(float* base, Int at, Float a, Mask m) {
   }
 }
 // Write the lanes of m side by side; what follows them, up to 16, has no meaning.
+#if EVS_NEON
+struct CompressTable {
+  unsigned char bytes[16][16];  // of four lanes, by their bits: where each byte comes from
+};
+constexpr CompressTable compress_table() {
+  CompressTable table = {};
+  for (int bits = 0; bits < 16; bits++) {
+    int to = 0;
+    for (int from = 0; from < 16; from++) {
+      if (bits >> (from / 4) & 1) table.bytes[bits][to++] = static_cast<unsigned char>(from);
+    }
+  }
+  return table;
+}
+constexpr CompressTable COMPRESS = compress_table();
+
+EVS_INLINE void compress(float* p, Float a, Mask m) {
+  const unsigned lanes = to_bits(m);
+  EVS_PARTS {
+    const unsigned four = lanes >> (i * PART) & 15;
+    const uint8x16_t packed = vqtbl1q_u8((uint8x16_t)a.v[i], vld1q_u8(COMPRESS.bytes[four]));
+    vst1q_f32(p, (float32x4_t)packed);
+    p += __builtin_popcount(four);
+  }
+}
+#else
 EVS_INLINE void compress(float* p, Float a, Mask m) {
   for (unsigned lanes = to_bits(m); lanes; lanes &= lanes - 1) {
     int i = __builtin_ctz(lanes);
     *p++ = a.v[i / PART][i % PART];
   }
 }
+#endif
 #undef EVS_BINARY
 #undef EVS_PARTS
 #endif
@@ -381,7 +445,12 @@ EVS_INLINE void compress(float* p, Float a, Mask m) {
 EVS_INLINE Mask operator>(Float a, Float b) { return b < a; }
 EVS_INLINE Mask operator>=(Float a, Float b) { return b <= a; }
 EVS_INLINE Float operator-(Float a) {
+#if EVS_NEON
+  for (FloatPart& part : a.v) part = (FloatPart)vnegq_f32((float32x4_t)part);
+  return a;
+#else
   return as_float(as_int(a) ^ splat(static_cast<int>(0x80000000u)));  // the sign's bit
+#endif
 }
 EVS_INLINE Float operator+(Float a, float b) { return a + splat(b); }
 EVS_INLINE Float operator-(Float a, float b) { return a - splat(b); }
@@ -395,14 +464,25 @@ EVS_INLINE Mask operator>(Float a, float b) { return splat(b) < a; }
 EVS_INLINE Mask operator<=(Float a, float b) { return a <= splat(b); }
 EVS_INLINE Mask operator>=(Float a, float b) { return splat(b) <= a; }
 EVS_INLINE Mask select(Mask m, Mask a, Mask b) { return (m & a) | (~m & b); }
-EVS_INLINE bool any(Mask a) { return to_bits(a) != 0; }
+EVS_INLINE bool any(Mask a) {
+#if EVS_NEON
+  return vmaxvq_u32((uint32x4_t)(a.m[0] | a.m[1] | (a.m[2] | a.m[3]))) != 0;
+#else
+  return to_bits(a) != 0;
+#endif
+}
 EVS_INLINE int first_lane(unsigned lanes) { return __builtin_ctz(lanes); }
 EVS_INLINE unsigned first_lanes(int count) { return count < LANES ? (1u << count) - 1 : ALL_LANES; }
 
 // largest whole number <= a, for |a| < 2^31
 EVS_INLINE Float floor(Float a) {
+#if EVS_NEON
+  for (FloatPart& part : a.v) part = (FloatPart)vrndmq_f32((float32x4_t)part) + 0.0f;  // never -0
+  return a;
+#else
   Float whole = to_float(truncate(a));
   return select(whole > a, whole - 1.0f, whole);
+#endif
 }
 
 // 1 / a, where an a too small to divide by counts as 1e-20: no infinity, hence no 0 * inf = NaN
@@ -483,6 +563,20 @@ EVS_INLINE Float4 gather_float4(const float* base, Int at) {
     out.second.v[part] = (FloatPart)_mm256_unpackhi_pd(low, low_next);
     out.third.v[part] = (FloatPart)_mm256_unpacklo_pd(high, high_next);
     out.fourth.v[part] = (FloatPart)_mm256_unpackhi_pd(high, high_next);
+  }
+  return out;
+#elif EVS_NEON
+  Float4 out;
+  for (int part = 0; part < PARTS; part++) {
+    auto quad = [&](int i) { return vld1q_f32(base + 2l * index[part * PART + i]); };
+    const float32x4_t q0 = quad(0), q1 = quad(1), q2 = quad(2), q3 = quad(3);
+    // transpose
+    const float32x4_t low = vzip1q_f32(q0, q2), low_next = vzip1q_f32(q1, q3);
+    const float32x4_t high = vzip2q_f32(q0, q2), high_next = vzip2q_f32(q1, q3);
+    out.first.v[part] = (FloatPart)vzip1q_f32(low, low_next);
+    out.second.v[part] = (FloatPart)vzip2q_f32(low, low_next);
+    out.third.v[part] = (FloatPart)vzip1q_f32(high, high_next);
+    out.fourth.v[part] = (FloatPart)vzip2q_f32(high, high_next);
   }
   return out;
 #else

@@ -7,7 +7,8 @@
 //
 //   EVS_VECTOR_BITS  bits of a register: 128, 256 or 512; 1024 for two registers of 512
 //   EVS_NAMESPACE    the namespace of this instruction set
-//   EVS_INTRINSIC    the name of an intrinsic for registers of 128 or 256 bits
+//   EVS_INTRINSIC    the name of an intrinsic of x86 for registers of 128 or 256 bits
+//   EVS_NEON         1: registers of 128 bits, with the instructions of NEON
 //
 // An .inl file is written as a header is: it has a guard, includes what it needs, and can be opened
 // and compiled alone. Without macros it is the portable code.
@@ -23,8 +24,14 @@
 #define EVS_INTRINSIC(op) _mm_##op
 #endif
 
+#ifndef EVS_NEON
+#define EVS_NEON 0
+#endif
+
 #if defined(__SSE2__)
 #include <immintrin.h>
+#elif EVS_NEON
+#include <arm_neon.h>
 #endif
 
 // GCC's own AVX-512 headers set these off (PR 105593)

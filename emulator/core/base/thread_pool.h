@@ -2,8 +2,9 @@
 // outputs, so that the result does not depend on which worker runs a job, or when.
 #pragma once
 
+#include <pthread.h>
+
 #include <atomic>
-#include <condition_variable>
 #include <exception>
 #include <functional>
 #include <mutex>
@@ -44,6 +45,28 @@ class FlushDenormals {
 #elif defined(__aarch64__)
   unsigned long long saved_;
 #endif
+};
+
+// A condition variable. std::condition_variable does the same, but a program that g++ 12 or newer
+// compiled with it does not load on a system whose libstdc++ is older.
+class Condition {
+ public:
+  Condition() = default;
+  ~Condition() { pthread_cond_destroy(&condition_); }
+  Condition(const Condition&) = delete;
+  Condition& operator=(const Condition&) = delete;
+
+  void notify_one() { pthread_cond_signal(&condition_); }
+  void notify_all() { pthread_cond_broadcast(&condition_); }
+
+  // Wait until `holds()`, which is called with the lock held.
+  template <class F>
+  void wait(std::unique_lock<std::mutex>& lock, F&& holds) {
+    while (!holds()) pthread_cond_wait(&condition_, lock.mutex()->native_handle());
+  }
+
+ private:
+  pthread_cond_t condition_ = PTHREAD_COND_INITIALIZER;
 };
 
 class ThreadPool {
@@ -160,8 +183,8 @@ class ThreadPool {
   std::vector<std::thread> workers_;
   std::mutex callers_;  // one run() at a time
   std::mutex mutex_;    // guards the members below
-  std::condition_variable wake_;
-  std::condition_variable done_;
+  Condition wake_;
+  Condition done_;
   const std::function<void(int, int)>* task_ = nullptr;
   int jobs_ = 0;
   std::atomic<int> busy_{0};  // workers that have begun; modified under the lock

@@ -129,7 +129,7 @@ class BoundPixels {
                  MaybeFrame<float> noise_memory, MaybeFrame<float> mean, MaybeFrame<float> noise,
                  MaybeFrame<float> drift, MaybeBlocks due_us, MaybeBlocks since_us,
                  MaybeBlocks shot_next, MaybeBlocks shot_count,
-                 std::optional<Array<const int32_t, 2>> row_reads) {
+                 std::optional<Array<const int32_t, 2>> row_reads, bool all_due) {
     PixelArrays arrays;
     arrays.reference = pixels(reference);
     arrays.last_log = pixels(last_log);
@@ -149,11 +149,8 @@ class BoundPixels {
     arrays.running_mean.drift_gain = settings_.drift_gain;
     arrays.running_mean.noise_weight = settings_.noise_weight;
     arrays.running_mean.least_gain = std::max(settings_.least_gain, first);
-    const bool skips = has_leak_ || settings_.lowpass() || settings_.follower > 0.0 ||
-                       settings_.highpass > 0.0 || settings_.refractory > 0 ||
-                       settings_.running_mean;
-    arrays.due_us = needed(skips, blocks(due_us));
-    arrays.since_us = needed(skips, blocks(since_us));
+    arrays.due_us = needed(skips(), blocks(due_us));
+    arrays.since_us = needed(skips(), blocks(since_us));
     const bool shot = settings_.shot.on != nullptr;
     arrays.shot.next = needed(shot, blocks(shot_next));
     arrays.shot.count = needed(shot, blocks(shot_count));
@@ -162,6 +159,7 @@ class BoundPixels {
     }
     Tick tick{pixels(luminance), clock_us, static_cast<uint32_t>(tick_us)};
     if (row_reads) tick.rows = checked_reads(*row_reads, tick_us);
+    tick.all_due = all_due;
     EventBuffer buffer;
     size_t clamped = 0;
     {
@@ -171,7 +169,27 @@ class BoundPixels {
     return nb::make_tuple(owned<Bytes>(std::move(buffer.events), buffer.count), clamped);
   }
 
+  void settle(int64_t clock_us, Array<double, 2> reference, Array<float, 2> last_luminance,
+              MaybeBlocks due_us, MaybeBlocks since_us, MaybeFrame<float> filtered,
+              MaybeFrame<float> followed, MaybeFrame<double> noise_budget, MaybeFrame<float> mean) {
+    PixelArrays arrays;
+    arrays.reference = pixels(reference);
+    arrays.last_luminance = pixels(last_luminance);
+    arrays.filtered = needed(settings_.lowpass(), pixels(filtered));
+    arrays.followed = needed(settings_.follower > 0.0, pixels(followed));
+    arrays.noise_budget = needed(settings_.photon.scale > 0.0, pixels(noise_budget));
+    arrays.running_mean.mean = needed(settings_.running_mean, pixels(mean));
+    arrays.due_us = needed(skips(), blocks(due_us));
+    arrays.since_us = needed(skips(), blocks(since_us));
+    array_->settle(arrays, clock_us);
+  }
+
  private:
+  // Whether there is a term for which skipped blocks have to be looked at again.
+  bool skips() const {
+    return has_leak_ || settings_.lowpass() || settings_.follower > 0.0 ||
+           settings_.highpass > 0.0 || settings_.refractory > 0 || settings_.running_mean;
+  }
   // The row reads of a tick; throws std::invalid_argument for those outside sensor or tick.
   RowReads checked_reads(const Array<const int32_t, 2>& reads, int64_t tick_us) const {
     bool good = reads.shape(0) == 0 || reads.shape(1) == 2;
@@ -324,10 +342,10 @@ void bind_sensor(nb::module_& m) {
            nb::arg("since_us").noconvert().none() = nb::none(),
            nb::arg("shot_next").noconvert().none() = nb::none(),
            nb::arg("shot_count").noconvert().none() = nb::none(),
-           nb::arg("row_reads").noconvert().none() = nb::none(),
+           nb::arg("row_reads").noconvert().none() = nb::none(), nb::arg("all_due") = false,
            "Step all pixels by one tick.\n"
            "\n"
-           "The keyword arguments but row_reads are the state and are modified in place.\n"
+           "The keyword arguments but the last two are the state and are modified in place.\n"
            "\n"
            "Args:\n"
            "    luminance: (h, w) float32.\n"
@@ -337,10 +355,26 @@ void bind_sensor(nb::module_& m) {
            "    ticks: The number of ticks so far.\n"
            "    row_reads: (n, 2) int32, rows of a frame that are read and when, us after the\n"
            "        start of the tick, by time; None for none.\n"
+           "    all_due: Whether to skip no block, as after a change of the settings.\n"
            "\n"
            "Returns:\n"
            "    The event bytes, (16 n,) uint8, and the number of pixels with unusable\n"
-           "    luminance.");
+           "    luminance.")
+      .def("settle", &BoundPixels::settle, nb::arg("clock_us"), nb::kw_only(),
+           nb::arg("reference").noconvert(), nb::arg("last_luminance").noconvert(),
+           nb::arg("due_us").noconvert().none() = nb::none(),
+           nb::arg("since_us").noconvert().none() = nb::none(),
+           nb::arg("filtered").noconvert().none() = nb::none(),
+           nb::arg("followed").noconvert().none() = nb::none(),
+           nb::arg("noise_budget").noconvert().none() = nb::none(),
+           nb::arg("mean").noconvert().none() = nb::none(),
+           "Account for the leak and the noise of the ticks in which blocks were skipped, so\n"
+           "that other settings may take the state over.\n"
+           "\n"
+           "Args:\n"
+           "    clock_us: The sensor's clock.\n"
+           "    reference, last_luminance, due_us, since_us, filtered, followed,\n"
+           "        noise_budget, mean: The state, modified in place.");
   m.def("natural_log", &natural_log, nb::arg("values").noconvert(),
         "Return ln of normal positive float32 (n,), as the pixel computes it.");
   m.def("lowpass_steps", &lowpass_steps, nb::arg("z").noconvert(),

@@ -24,10 +24,15 @@ EVS_INLINE Wide wide_relu(Wide a) {
 constexpr int OUTPUTS = 4, TICKS = 4, OUTPUTS_ALONE = 8;
 #else
 using Wide = FloatPart;
-constexpr int OUTPUTS = 4, TICKS = 2, OUTPUTS_ALONE = 8;
+// NEON has twice the registers of AVX2
+constexpr int OUTPUTS = 4, TICKS = EVS_NEON ? 4 : 2, OUTPUTS_ALONE = 8;
 EVS_INLINE Wide wide(float a) { return a - Wide{}; }
 #if EVS_VECTOR_BITS == 256
 EVS_INLINE Wide wide_fma(Wide a, Wide b, Wide c) { return _mm256_fmadd_ps(a, b, c); }
+#elif EVS_NEON
+EVS_INLINE Wide wide_fma(Wide a, Wide b, Wide c) {
+  return (Wide)vfmaq_f32((float32x4_t)c, (float32x4_t)a, (float32x4_t)b);
+}
 #else
 // slow where there is no such instruction: a function call for each lane
 EVS_INLINE Wide wide_fma(Wide a, Wide b, Wide c) {

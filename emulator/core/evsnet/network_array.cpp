@@ -20,6 +20,9 @@ const NetworkKernel* network_kernel_of(const std::string& isa) {
 #if EVS_BUILT_AVX2
   if (wanted == "avx2") return &NETWORK_AVX2;
 #endif
+#if EVS_BUILT_NEON
+  if (wanted == "neon") return &NETWORK_NEON;
+#endif
 #if EVS_BUILT_PORTABLE
   if (wanted == "portable") return &NETWORK_PORTABLE;
 #endif

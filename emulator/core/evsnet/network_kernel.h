@@ -161,6 +161,7 @@ struct NetworkKernel {
 
 extern const NetworkKernel NETWORK_AVX512;
 extern const NetworkKernel NETWORK_AVX2;
+extern const NetworkKernel NETWORK_NEON;
 extern const NetworkKernel NETWORK_PORTABLE;
 
 }  // namespace evs

@@ -165,6 +165,8 @@ void Caster::set_paths() {
   f.sample_set = paths_.sample_set;
   f.lobe_samples = paths_.lobe_samples;
   f.quarters = paths_.quarters;
+  f.transparent_geoms = paths_.transparent_geoms;
+  f.transparent_count = paths_.transparent_count;
   f.log2_samples = paths_.log2_samples;
   f.block = paths_.block;
   f.log2_blocks = paths_.log2_blocks;

@@ -5,6 +5,7 @@
 
 #include "caster.h"
 #include "geometry/light_reach.h"
+#include "reproducible_math.h"
 
 namespace evs {
 namespace {
@@ -63,7 +64,7 @@ BoundingSphere Caster::bounding_sphere_of(const Geom& g) const {
   V3 c = g.position;
   switch (g.shape) {
     case PLANE:
-      r = s[0] > 0 && s[1] > 0 ? std::hypot(s[0], s[1]) : HUGE_RADIUS;
+      r = s[0] > 0 && s[1] > 0 ? hypotenuse(s[0], s[1]) : HUGE_RADIUS;
       break;
     case SPHERE:
       r = s[0];
@@ -72,7 +73,7 @@ BoundingSphere Caster::bounding_sphere_of(const Geom& g) const {
       r = s[0] + s[1];
       break;
     case CYLINDER:
-      r = std::hypot(s[0], s[1]);
+      r = hypotenuse(s[0], s[1]);
       break;
     case ELLIPSOID:
       r = std::max({s[0], s[1], s[2]});

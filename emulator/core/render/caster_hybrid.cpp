@@ -44,6 +44,8 @@ void Caster::set_hybrid(const Optics& optics, const Tracing& tracing, const Scen
   paths_.sample_set = SAMPLES_OWEN;
   paths_.lobe_samples = 1;
   while ((1 << paths_.log2_samples) < IrradianceCache::SAMPLES) paths_.log2_samples++;
+  paths_.transparent_geoms = emitters_->transparent_geoms().data();
+  paths_.transparent_count = static_cast<int>(emitters_->transparent_geoms().size());
   set_paths();
   batches_ = std::make_unique_for_overwrite<PathBatch[]>(pool_->threads());
   // the lattice's spacing: of large images in pixels, of small ones as an angle

@@ -19,6 +19,9 @@ const Kernel* kernel_of(const std::string& isa) {
 #if EVS_BUILT_AVX2
   if (wanted == "avx2") return &KERNEL_AVX2;
 #endif
+#if EVS_BUILT_NEON
+  if (wanted == "neon") return &KERNEL_NEON;
+#endif
 #if EVS_BUILT_PORTABLE
   if (wanted == "portable") return &KERNEL_PORTABLE;
 #endif

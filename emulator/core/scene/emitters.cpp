@@ -89,12 +89,10 @@ Emitters::Emitters(const SceneData& scene, const Appearance& appearance,
   has_environment_ = appearance.skybox >= 0 ||
                      lamp_count_ < static_cast<int>(appearance.lights.size()) ||
                      ambient_radiance_[0] + ambient_radiance_[1] + ambient_radiance_[2] > 0;
-  for (const Surface& s : appearance.surfaces) {
-    transparent_ = transparent_ || s.alpha < 1 || s.opacity_map >= 0;
-  }
   for (size_t k = 0; k < order.size(); k++) {
     int g = order[k], shape = scene.geom_type[g];
     const Surface& surface = appearance.surfaces[scene.geom_surface[g]];
+    if (surface.transparent()) transparent_geoms_.push_back(static_cast<int>(k));
     double radiance = surface.emission * luminance_of(surface, appearance);
     if (!(surface.emission > 0)) continue;
     emissive_ = true;
@@ -220,7 +218,7 @@ void Emitters::make_environment(const Appearance& appearance) {
 
 PathFrame Emitters::frame() const {
   PathFrame f = {};
-  f.transparent = transparent_;
+  f.transparent = !transparent_geoms_.empty();
   f.emissive = emissive_;
   f.has_environment = has_environment_;
   f.lamp_count = lamp_count_;

@@ -23,6 +23,9 @@ class Emitters {
   // Return the constant part of a frame, which points into this.
   PathFrame frame() const;
 
+  // The geoms that rays can pass through, in ascending order.
+  const std::vector<int>& transparent_geoms() const { return transparent_geoms_; }
+
  private:
   struct EmissiveGeom {
     int geom, mesh;
@@ -38,11 +41,11 @@ class Emitters {
 
   std::vector<EmissiveGeom> emissive_geoms_;
   std::vector<Emitter> emitters_;
-  std::vector<int> emitter_of_geom_;
+  std::vector<int> emitter_of_geom_, transparent_geoms_;
   std::vector<float> rows_, cells_, pdf_;
   std::vector<int32_t> row_guide_, cell_guide_;
   int side_ = 0;
-  bool transparent_ = false, emissive_ = false, has_environment_ = false;
+  bool emissive_ = false, has_environment_ = false;
   int lamp_count_ = 0;
   float ambient_radiance_[3] = {0, 0, 0};
 };

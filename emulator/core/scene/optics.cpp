@@ -33,8 +33,8 @@ RayCone primary_cone(const Frame& f, int column, int row) {
     cone.axis = {0, 0, -1};
     // add the rounding of the rays' origins
     double away = std::abs(d[4][0]) + std::abs(d[4][1]);
-    cone.radius =
-        static_cast<float>(std::hypot(d[0][0] - d[4][0], d[0][1] - d[4][1]) * 1.001 + away * 1e-6);
+    double x = d[0][0] - d[4][0], y = d[0][1] - d[4][1];
+    cone.radius = static_cast<float>(std::sqrt(x * x + y * y) * 1.001 + away * 1e-6);
     cone.cosine = 1;
     return cone;
   }

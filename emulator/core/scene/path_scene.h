@@ -123,6 +123,8 @@ struct PathFrame {
   int log2_blocks;   // the point set has at most 2^log2_blocks blocks
   bool quarters;     // the first quarter of a block's samples is used alone, too
   bool transparent;
+  const int* transparent_geoms;  // where shadow rays look for these apart from opaque ones; or null
+  int transparent_count;
   bool emits;                     // a geom emits light
   bool emissive;                  // ... or paths look for such geoms all the same
   bool has_environment;           // rays that miss may see light

@@ -90,6 +90,9 @@ struct Surface {
   int metallic_map, roughness_map, occlusion_map, opacity_map;  // one channel
   int normal_map;                                               // three channels
   int emissive_map;                                             // as the base texture
+
+  // Can rays pass through it?
+  bool transparent() const { return alpha < 1 || opacity_map >= 0; }
 };
 
 // One geom in this tick.
@@ -395,7 +398,7 @@ struct Kernel {
   void (*probe_light_pdf)(const Frame&, const PathFrame&, const float* point, ProbeLanes&);
 };
 
-extern const Kernel KERNEL_PORTABLE, KERNEL_AVX2, KERNEL_AVX512;
+extern const Kernel KERNEL_PORTABLE, KERNEL_NEON, KERNEL_AVX2, KERNEL_AVX512;
 // Entry points in 32 lanes.
 void trace_hybrid_pair_avx512(const Frame&, const PathFrame&, const IrradianceView&, NodeRequests&,
                               int column, int row, const Outputs&);

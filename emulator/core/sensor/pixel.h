@@ -81,6 +81,7 @@ struct Tick {
   int64_t begin_us;  // by the sensor's clock, the sum of all ticks so far
   uint32_t us;
   RowReads rows = {};
+  bool all_due = false;  // skip no block: a parameter has changed since the last tick
 };
 
 // The refractory period of a pixel, us; 0: none.

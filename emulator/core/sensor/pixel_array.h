@@ -20,7 +20,7 @@ namespace evs {
 // differs.
 using StepPixels = size_t (*)(const PixelStep&, size_t first, size_t last, std::vector<Crossing>&);
 
-#if EVS_BUILT_PORTABLE
+#if EVS_BUILT_PORTABLE || EVS_BUILT_NEON
 inline size_t step_portable(const PixelStep& step, size_t first, size_t last,
                             std::vector<Crossing>& out) {
   return step_pixels(step, first, last, out);
@@ -54,6 +54,10 @@ inline StepPixels choose_step(const std::string& isa) {
 #endif
 #if EVS_BUILT_AVX2
   if (wanted == "avx2") return step_avx2;
+#endif
+#if EVS_BUILT_NEON
+  // the compiler's own vectors are those of NEON
+  if (wanted == "neon") return step_portable;
 #endif
 #if EVS_BUILT_PORTABLE
   if (wanted == "portable") return step_portable;
@@ -107,6 +111,20 @@ class PixelArray {
       if (out.capacity() > kBand * 4) std::vector<Crossing>().swap(out);
     }
     return events;
+  }
+
+  // Account for the ticks in which blocks were skipped, up to `clock_us`: leak and budgets as they
+  // follow from the parameters of this array. Another one may then take the state over.
+  void settle(const PixelArrays& arrays, int64_t clock_us) const {
+    if (arrays.since_us == nullptr) return;
+    const Tick tick{nullptr, clock_us, 1};
+    const PixelStep step = prepare_step(settings_, pattern_, arrays, shot_bounds_.data(), tick);
+    for (size_t first = 0; first < pixels_; first += kBlock) {
+      const size_t count = std::min(kBlock, pixels_ - first);
+      use_up_skipped_budgets(step, first, count);
+      apply_skipped_leak(step, first, count);
+      arrays.since_us[first / kBlock] = arrays.due_us[first / kBlock] = clock_us;
+    }
   }
 
  private:

@@ -293,7 +293,7 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
   const LuminanceCheck seen =
       check_luminance(step.tick.luminance + first, last_luminance, step.safe_below, count);
   bool changed = seen.changed;
-  const bool due = arrays.due_us != nullptr && arrays.due_us[block] < end_us;
+  const bool due = step.tick.all_due || (arrays.due_us != nullptr && arrays.due_us[block] < end_us);
   if (!changed && !due) {
     // in a block that is otherwise quiet, drop the candidates that are rejected
     const float* light =

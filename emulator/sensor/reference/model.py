@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import lru_cache
 
@@ -18,7 +19,9 @@ from evs.emulator.sensor.reference.comparators import PixelEvent, PixelTick, com
 from evs.emulator.sensor.reference.filters import bandwidth, follow, share_of_tick, shares
 from evs.emulator.sensor.reference.light import is_light, log_light, to_dn
 from evs.emulator.sensor.reference.noise import (
+    NEVER,
     ROW_READ,
+    UNITS,
     Candidate,
     candidates,
     leak,
@@ -46,6 +49,21 @@ class ReferenceModel:
     def init(self, seed: int) -> PlainState:
         """The state before the first tick."""
         return PlainState.dark(seed, self.sensor, self.average is not None)
+
+    def take_over(self, state: PlainState, before: ReferenceModel) -> PlainState:
+        """As PlainModel.take_over; this one leaves the state handed in as it was."""
+        state = state.copy()
+        if state.shot_next is not None and state.ticks:
+            for block, following in enumerate(state.shot_next.tolist()):
+                pixels = slice(block * BLOCK, (block + 1) * BLOCK)
+                old, new = (
+                    most_shot_hz(one._pattern(state.seed % 2**64), pixels) for one in (before, self)
+                )
+                now = state.clock_us * UNITS
+                left = math.ceil((following - now) * (old / new)) if new else NEVER
+                state.shot_next[block] = min(now + left, NEVER)
+        state.all_due = 1
+        return state
 
     def step(
         self, luminance: F32, state: PlainState, t_begin_us: int, t_end_us: int
@@ -136,6 +154,7 @@ class ReferenceModel:
         state.clock_us += tick_us
         state.tick_us = tick_us
         state.ticks += 1
+        state.all_due = 0
         for blocks in (state.due_us, state.since_us):
             if blocks is not None:
                 blocks[:] = state.clock_us

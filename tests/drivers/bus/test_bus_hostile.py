@@ -191,10 +191,7 @@ class Link:
                     far = socket.create_connection(("127.0.0.1", self._target))
                     peers |= {near: far, far: near}
                     continue
-                passed = ready.recv(65536) if ready in peers else b""
-                if passed:
-                    peers[ready].sendall(passed)
-                elif ready in peers:
+                if ready in peers and not self._pass_on(ready, peers[ready]):
                     other = peers.pop(ready)
                     peers.pop(other, None)
                     ready.close()
@@ -202,6 +199,17 @@ class Link:
         self._end_dead()
         for one in [*peers, self._server]:
             one.close()
+
+    @staticmethod
+    def _pass_on(near: socket.socket, far: socket.socket) -> bool:
+        """Whether both ends are still there."""
+        try:
+            passed = near.recv(65536)
+            far.sendall(passed)
+        except OSError:
+            # whoever gives up first resets the connection
+            return False
+        return bool(passed)
 
     def _end_dead(self) -> None:
         """As a router does that has forgotten them. Its own patience: test_network_link_bus.py."""

@@ -1,11 +1,15 @@
-"""The C++ client in docs/reference/wire.md is built as it stands there, and counts right."""
+"""The clients that stand in the pages count right: in C++, and in another Python."""
 
 from __future__ import annotations
 
+import re
+import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from evs.drivers.bus import Publisher
 from evs.drivers.bus.address import free_address
@@ -13,7 +17,8 @@ from evs.msgs import EventPacket, StreamInfo, make_events
 from reference.cpp_client import build, program_of
 
 LINES = 40
-PAGE = Path(__file__).parents[3] / "docs/reference/wire.md"
+DOCS = Path(__file__).parents[3] / "docs"
+PAGE = DOCS / "reference/wire.md"
 
 
 def test_the_page_holds_a_short_program() -> None:
@@ -22,12 +27,29 @@ def test_the_page_holds_a_short_program() -> None:
 
 
 def test_a_client_in_another_language_counts_every_event(tmp_path: Path) -> None:
-    client = build(PAGE, tmp_path)
+    check_count([str(build(PAGE, tmp_path))])
+
+
+@pytest.mark.parametrize("python", [sys.executable, "python3.10"])
+def test_a_client_in_another_python_counts_every_event(python: str, tmp_path: Path) -> None:
+    needs = [python, "-c", "import zmq, msgpack, numpy"]
+    if shutil.which(python) is None or subprocess.run(needs, capture_output=True).returncode:
+        pytest.skip(f"no {python} with pyzmq, msgpack and numpy")
+    (program,) = re.findall(
+        r"^```python\n(.*?)^```", (DOCS / "howto/install.md").read_text(), re.DOTALL | re.MULTILINE
+    )
+    client = tmp_path / "client.py"
+    client.write_text(program)
+    check_count([python, str(client)])
+
+
+def check_count(client: list[str]) -> None:
+    """A client of a publisher that drops packets prints how many events came and what it lost."""
     random = np.random.default_rng(0)
     events = on = 0
     address = free_address()
     sender = Publisher(address, wait_for=1, wait_s=60)
-    with subprocess.Popen([client, address], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen([*client, address], stdout=subprocess.PIPE, text=True) as process:
         sender.open([StreamInfo(346, 260, "cam")])
         # seq as msgpack's one, two, three and five bytes, and packets that a full queue dropped
         seqs = [0, 1, 126, 127, 128, 255, 256, 65_535, 65_536, 70_000]

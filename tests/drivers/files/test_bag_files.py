@@ -105,7 +105,7 @@ def packets_of(parts: list[Events], encoding: str, topic: str) -> Callable[[Send
 
 
 @pytest.mark.parametrize("name", ["a.mcap", "a.bag"])
-@pytest.mark.parametrize("encoding", ["evt3", "libcaer", "mono"])
+@pytest.mark.parametrize("encoding", ["evt3", "libcaer", "libcaer_cmp", "mono"])
 @pytest.mark.parametrize("compression", ["", "lz4", "bz2"])
 def test_bags_of_others_whatever_their_compression(
     name: str, encoding: str, compression: str, tmp_path: Path

@@ -30,7 +30,7 @@ count = len(evs.read(sys.argv[1]))
 print(count, peak_kib() - before)
 """
 PART = 100_000
-TARGETS = ("csv", "npz", "aedat", "aedat3", "raw", "evt21", "dat", "h5", "mcap", "bag")
+TARGETS = ("csv", "npz", "aedat", "aedat3", "raw", "evt21", "dat", "h5", "hdf5", "mcap", "bag")
 
 
 def record(path: Path, count: int) -> Path:

@@ -239,17 +239,16 @@ def test_only_the_chips_own_line_names_the_camera(tmp_path: Path) -> None:
     assert events.stream.sensor == "davis240"
 
 
-def test_older_files_and_others_are_refused_in_one_line(tmp_path: Path) -> None:
+def test_damaged_headers_and_other_files_are_refused_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "a.aedat"
     for data in (
         b"",
         b"#!AER-DAT2\x00.0\r\n12345678",
         b"#!AER-DAT2.0",
-        b"#!AER-DAT1.0\r\n12345678",
         b"nothing",
     ):
         path.write_bytes(data)
-        with pytest.raises(EvsError, match="is not a readable AEDAT2 file"):
+        with pytest.raises(EvsError, match=r"is not a readable AEDAT2? file"):
             files.read(path)
 
 

@@ -32,6 +32,7 @@ from evs.msgs import (
     make_events,
 )
 from reference.mutations import changed_by, mutations
+from reference.old_formats import aedat1, event_stream, nmnist
 
 pytestmark = pytest.mark.property
 
@@ -43,8 +44,13 @@ KINDS = [
     ("a.aedat", "none"),
     ("a.aedat3", "none"),
     ("a.csv", "none"),
+    ("a.e2vid", "none"),
     ("davis.aedat", "none"),
     ("packed.aedat3", "none"),
+    ("dvs128.aedat", "none"),
+    ("dvs.es", "none"),
+    ("atis.es", "none"),
+    ("nmnist.bin", "none"),
 ]
 QUICK = 120
 LONG = 6_000
@@ -90,8 +96,23 @@ def packed() -> bytes:
     return out
 
 
+def seen(side: int) -> tuple[list[int], list[int], list[int], list[int]]:
+    """t, x, y, p of 150 events of a square sensor."""
+    t = np.sort(np.random.default_rng(4).integers(0, 300_000, 150)).tolist()
+    return t, [us % side for us in t], [us * 7 % side for us in t], [us & 1 for us in t]
+
+
 def recorded(folder: Path, name: str, compression: str) -> bytes:
-    by_hand = {"davis.aedat": davis, "packed.aedat3": packed}
+    by_hand = {
+        "davis.aedat": davis,
+        "packed.aedat3": packed,
+        "dvs128.aedat": lambda: aedat1(*seen(128)),
+        "dvs.es": lambda: event_stream(64, 48, *seen(48)),
+        "atis.es": lambda: event_stream(
+            64, 48, *seen(48), exposures=[number % 3 == 0 for number in range(150)]
+        ),
+        "nmnist.bin": lambda: nmnist(*seen(34)),
+    }
     if name in by_hand:
         return by_hand[name]()
     path = folder / name

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from evs.drivers import files
-from evs.drivers.files import FORMATS, convert
+from evs.drivers.files import RECORDED, convert
 from evs.launch.main import main
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
 
 STREAM = StreamInfo(346, 260, camera="eye", sensor="davis346", seed=9, config={"a": [1]})
-FOREIGN = ("evt3", "evt2", "evt21", "dat", "hdf5", "rosbag2", "rosbag1")
-ENDINGS = {one.name: one.suffixes[0] for one in FORMATS}
+FOREIGN = ("evt3", "evt2", "evt21", "dat", "hdf5", "metavision", "rosbag2", "rosbag1")
+ENDINGS = {one.name: one.suffixes[0] for one in RECORDED}
 
 
 def events() -> Events:
@@ -68,7 +68,7 @@ def converts(tmp_path: Path, source: str, target: str) -> None:
     assert 0 <= shares[0] <= shares[-1] <= 1
 
 
-@pytest.mark.parametrize("encoding", ["evt3", "libcaer", "mono", "dvs"])
+@pytest.mark.parametrize("encoding", ["evt3", "libcaer", "libcaer_cmp", "mono", "dvs"])
 def test_the_encoding_of_a_bag_can_be_chosen(
     tmp_path: Path, encoding: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

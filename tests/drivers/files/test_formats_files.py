@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import sys
 import warnings
 from pathlib import Path
@@ -20,6 +21,7 @@ NAMES = {
     "evt21": "a.raw",
     "dat": "a.dat",
     "hdf5": "a.h5",
+    "metavision": "a.hdf5",
     "rosbag1": "a.bag",
     "rosbag2": "a.mcap",
 }
@@ -247,3 +249,24 @@ def test_an_hdf5_file_that_states_more_than_it_holds_is_refused(tmp_path: Path) 
         file["events/t"], file["events/x"] = [1, 2], [1, 2]
     with pytest.raises(EvsError, match="it needs a group 'events' with t, x, y, p or ts"):
         files.read(path)
+
+
+def test_the_text_of_an_hdf5_file_is_no_longer_than_the_file(tmp_path: Path) -> None:
+    import h5py
+
+    stream = StreamInfo(64, 48, camera="eye")
+    path = tmp_path / "a.h5"
+    sink = opened(path, "hdf5", stream)
+    sink.write(packet(FOUR, stream))
+    sink.close()
+    with h5py.File(path) as file:
+        at = file["evs_stream"].id.get_offset()
+    data = bytearray(path.read_bytes())
+    data[at : at + 4] = (2_390_000_000).to_bytes(4, "little")
+    path.write_bytes(data)
+    before_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    read = files.read(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kib < 100_000
+    # the events are there, what described them is not
+    assert read.tobytes() == FOUR.tobytes()
+    assert read.stream.camera != "eye"

@@ -18,7 +18,7 @@ from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, mak
 
 pytestmark = pytest.mark.extremes
 
-NAMES = ["a.h5", "a.mcap", "a.db3", "a.bag"]
+NAMES = ["a.h5", "a.hdf5", "a.mcap", "a.db3", "a.bag"]
 DISK_BYTES = 9_700_000
 
 PROGRAM = """

@@ -37,6 +37,7 @@ KINDS = {
     "evt21": "a.raw",
     "dat": "a.dat",
     "hdf5": "a.h5",
+    "metavision": "a.hdf5",
     "rosbag2": "a.mcap",
     "rosbag1": "a.bag",
     "database": "a.db3",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import subprocess
 import sys
 from itertools import product
@@ -68,6 +69,34 @@ def test_the_same_seed_gives_the_same_episode(kind: str) -> None:
     assert same(first, rollout(make("evs/Reach-v0", **options), 5))
     assert not same(first, rollout(env, 6))
     assert sum(told[-1]["events"] for told in first) > 50
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_deep_copy_goes_on_with_the_same_bytes_and_alone(kind: str) -> None:
+    options: dict[str, Any] = {
+        "observation": kind,
+        "encoders": True,
+        "sensor": "dvs128",
+        "randomise": {"pos_thres": "uniform(0.1, 0.3)"},
+    }
+    env = make("evs/Reach-v0", **options)
+    rollout(env, 5, 7)
+    twin, later = copy.deepcopy(env), copy.deepcopy(env)
+    actions = [env.action_space.sample() for _ in range(4)]
+    first = [env.step(action) for action in actions]
+    assert sum(told[-1]["events"] for told in first) > 0
+    assert same(first, [twin.step(action) for action in actions])
+    assert same(env.reset(), twin.reset())
+    # nothing that the others did since has reached it
+    assert same(first, [later.step(action) for action in actions])
+    # before the first reset, too
+    assert same(rollout(copy.deepcopy(make("evs/Reach-v0", **options)), 3), rollout(env, 3))
+
+
+def test_the_frame_rate_is_that_of_the_steps() -> None:
+    assert make().metadata["render_fps"] == 100.0
+    assert make(ticks=40).metadata["render_fps"] == 25.0
+    assert make(ticks=1, tick_us=500).metadata["render_fps"] == 2000.0
 
 
 def test_noise_of_the_sensor_follows_from_the_seed_too() -> None:
@@ -282,8 +311,8 @@ def test_what_cannot_be_is_one_line(options: dict[str, Any], says: str) -> None:
 
 
 def test_a_render_mode_that_there_is_not_is_refused() -> None:
-    with pytest.raises(EvsError, match="render_mode is 'human'; give None or 'rgb_array'"):
-        LoopEnv(CART, render_mode="human")
+    with pytest.raises(EvsError, match="render_mode is 'ansi'; give None, human or rgb_array"):
+        LoopEnv(CART, render_mode="ansi")
 
 
 def test_bad_actions_and_options_are_refused_and_nothing_moves() -> None:

@@ -58,7 +58,7 @@ class Bench:
         self.made: list[Noting] = []
 
         def make(table: SinkConfig) -> Noting:
-            self.made.append(Noting(table.file or table.type, self.diary, errors))
+            self.made.append(Noting(table.target or table.type, self.diary, errors))
             return self.made[-1]
 
         patch.setattr(segments, "make_sink", make)
@@ -96,6 +96,28 @@ def test_each_stretch_of_time_has_its_file_and_live_sinks_go_on(
     assert live[0].events.tobytes() == live[3].events.tobytes()
     assert loop.statistics.ticks == 5
     assert loop.sim_seconds == pytest.approx(0.005)
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        SinkConfig(type="rerun", rrd="run.rrd"),
+        SinkConfig(type="foxglove", mcap="run.mcap"),
+    ],
+)
+def test_files_of_viewers_are_one_a_stretch_too(
+    monkeypatch: pytest.MonkeyPatch, table: SinkConfig
+) -> None:
+    bench = Bench(monkeypatch, [table])
+    loop = bench.loop
+    loop.reset(seed=4)
+    loop.step([0.1], 3)
+    loop.reset(seed=5)
+    loop.step([0.1], 2)
+    assert loop.segments.close() is None
+    suffix = Path(table.target or "").suffix
+    assert loop.segments.files == [f"run{suffix}", f"run-episode-002{suffix}"]
+    assert f"run-episode-002{suffix} close 2" in bench.diary
 
 
 def test_a_full_disk_is_told_and_the_controller_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:

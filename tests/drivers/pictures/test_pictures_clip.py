@@ -10,8 +10,6 @@ import pytest
 from PIL import Image
 
 from evs.drivers.pictures import (
-    OFF_RGB,
-    ON_RGB,
     Playback,
     Shot,
     clip_frames,
@@ -27,6 +25,7 @@ from evs.drivers.pictures import (
 )
 from evs.drivers.pictures.image_files import GREY_LEVELS, gif_palette
 from evs.msgs import EvsError, empty_events, make_events
+from evs.msgs.pictures import OFF_RGB, ON_RGB
 
 SIZES = [(1, 1), (1, 200), (200, 1), (32, 24), (346, 260), (640, 480), (1280, 720)]
 

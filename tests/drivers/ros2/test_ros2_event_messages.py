@@ -20,7 +20,7 @@ THRESHOLDS_S = st.floats(0, 0.05)
 SIZES = st.integers(1, 500)
 
 
-@pytest.mark.parametrize("encoding", ["evt3", "libcaer", "mono"])
+@pytest.mark.parametrize("encoding", ["evt3", "libcaer", "libcaer_cmp", "mono"])
 @given(counts=COUNTS, tick_us=TICKS, start_us=STARTS, threshold_s=THRESHOLDS_S, size=SIZES)
 def test_messages_hold_every_event_once(
     encoding: str, counts: list[int], tick_us: int, start_us: int, threshold_s: float, size: int

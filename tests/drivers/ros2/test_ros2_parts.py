@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from evs.drivers.clock import monotonic_s
+from evs.drivers.files.bags.names import as_name, node_path
 from evs.drivers.ros2 import sender as sender_module
 from evs.drivers.ros2.event_messages import EventMessage, EventMessageBuilder
 from evs.drivers.ros2.middleware import checked_domain, interface_of
-from evs.drivers.ros2.names import node_path
+from evs.drivers.ros2.names import GLOBAL, PRIVATE, quality_of
 from evs.drivers.ros2.sender import Sender, TopicQueue
 from evs.drivers.ros2.statistics import Statistics
 from evs.msgs import EventPacket, Events, EvsError, make_events
@@ -43,7 +44,7 @@ def decoded(encoding: str, messages: list[EventMessage]) -> Events:
     return np.concatenate([reader.events(one.data, one.time_base_ns) for one in messages])
 
 
-@pytest.mark.parametrize("encoding", ["evt3", "libcaer", "mono"])
+@pytest.mark.parametrize("encoding", ["evt3", "libcaer", "libcaer_cmp", "mono"])
 # in the last case libcaer's clock wraps in the midst of a message
 @pytest.mark.parametrize("start_us", [0, 5_000_000, 2**31 - 5_000])
 @pytest.mark.parametrize("threshold_s", [0.0, 1e-3, 3e-3, 1.0])
@@ -82,6 +83,7 @@ def test_an_event_is_not_in_two_messages() -> None:
         ("evt3", -1.0, 1, "event_message_time_threshold is -1 s"),
         ("evt3", float("nan"), 1, "event_message_time_threshold"),
         ("mono", 4.5, 1, "encoding = evt3"),
+        ("libcaer_cmp", 16.5, 1, "libcaer_cmp spans 16 s at most"),
         ("evt3", 1e-3, 0, "event_message_size_threshold is 0"),
     ],
 )
@@ -119,6 +121,12 @@ def test_what_is_no_name_in_ros(node: str, namespace: str, camera: str, says: st
         node_path(node, namespace, camera)
 
 
+@pytest.mark.parametrize("text", ["left-eye", "2nd", "__", "Käfer", "a/b", "DVX 0__1", ""])
+def test_any_text_has_a_name_in_ros_near_it(text: str) -> None:
+    assert node_path(as_name(text), "", "") == f"/{as_name(text)}"
+    assert as_name("left_2") == "left_2"
+
+
 def test_only_this_machine_is_served_unless_said_otherwise() -> None:
     assert str(interface_of("", False)) == "lo"
     assert interface_of("", False).is_loopback
@@ -129,6 +137,14 @@ def test_only_this_machine_is_served_unless_said_otherwise() -> None:
         interface_of("10.1.2.3", False)
     with pytest.raises(EvsError, match="no network interface 'eth99' here; there is: "):
         interface_of("eth99", True)
+
+
+def test_what_is_kept_for_a_slow_reader_is_bounded_as_in_the_drivers() -> None:
+    names = (*PRIVATE, *GLOBAL)
+    depths = {name: quality_of(name, None, 1000).depth for name in names}
+    few = {"image_raw": 10, "camera_info": 10, "/clock": 1, "/tf": 100, "/tf_static": 1}
+    assert depths == {name: few.get(name, 1000) for name in names}
+    assert quality_of("image_raw", True, 1000) == quality_of("image_raw", None, 1000)
 
 
 @pytest.mark.parametrize("number", [-1, 233])

@@ -35,7 +35,7 @@ from reference.worker_packets import (
     write_on,
 )
 
-KINDS = {each.name: each for each in formats.FORMATS}
+KINDS = {each.name: each for each in formats.RECORDED}
 
 
 @pytest.mark.parametrize("kind", ["aedat4", "npz", "csv", "aedat2", "aedat3", "hdf5", "rosbag2"])

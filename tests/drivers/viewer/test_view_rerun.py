@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
+import urllib.request
 from collections import Counter
+from datetime import timedelta
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
 import pytest
 
 from evs.drivers.bus import Publisher
+from evs.drivers.bus.address import free_address
 from evs.drivers.run import config as pipeline
 from evs.drivers.viewer import ViewSink
 from evs.launch import main as program
 from evs.launch.support import live_view
 from evs.msgs import EventPacket, EvsError, Frame, Pose, StreamInfo, make_events
+from evs.msgs.pictures import OFF_RGB, ON_RGB
 
 pytest.importorskip("rerun", reason="the extra `view` is not installed")
 
@@ -156,10 +162,164 @@ def test_a_live_stream_leaves_a_file_that_rerun_verifies(
     assert found["eye/pose Pinhole"] == 1
 
 
+def clouds(file: Path, camera: str = "eye") -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Simulated time, us -> (n, 3) positions and (n,) colours of a cloud, by Rerun's own reader."""
+    try:
+        from rerun.chunk import RrdReader
+    except ImportError:
+        experimental = pytest.importorskip("rerun.experimental")
+        RrdReader = experimental.RrdReader  # noqa: N806 - its name before 0.41
+    found = {}
+    for chunk in RrdReader(file).stream().to_chunks():
+        if chunk.entity_path != f"/{camera}/cloud" or chunk.is_static:
+            continue
+        rows = chunk.to_record_batch().to_pydict()
+        (positions,) = (rows[name] for name in rows if name.endswith(":positions"))
+        (colours,) = (rows[name] for name in rows if name.endswith(":colors"))
+        for t, places, colour in zip(rows["sim_time"], positions, colours, strict=True):
+            found[t // timedelta(microseconds=1)] = np.reshape(places, (-1, 3)), np.array(colour)
+    return found
+
+
+def rgba(colour: tuple[int, int, int]) -> int:
+    red, green, blue = colour
+    return red << 24 | green << 16 | blue << 8 | 255
+
+
+def test_a_cloud_has_the_events_in_x_y_and_time(tmp_path: Path) -> None:
+    sink = ViewSink(tmp_path / "a.rrd", points=100_000)
+    sink.open([STREAM])
+    for seq in range(300):
+        sink.write(packet(seq))
+    sink.close()
+    found = clouds(tmp_path / "a.rrd")
+    assert list(found) == [20_000 * k for k in range(1, 16)]
+    for end_us in (20_000, 300_000):
+        events = np.concatenate([packet(seq).events for seq in range(end_us // 1000)])
+        # 200 ms at most
+        events = events[events["t"] > end_us - 200_000]
+        places, colours = found[end_us]
+        np.testing.assert_array_equal(places[:, 0], events["x"])
+        np.testing.assert_array_equal(places[:, 1], events["y"])
+        np.testing.assert_allclose(places[:, 2], 1e-3 * (end_us - events["t"]), atol=1e-4)
+        wanted = np.where(events["p"], rgba(ON_RGB), rgba(OFF_RGB))
+        np.testing.assert_array_equal(colours, wanted)
+
+
+def test_a_cloud_is_thinned_to_its_most_points(tmp_path: Path) -> None:
+    sink = ViewSink(tmp_path / "a.rrd", points=50)
+    sink.open([STREAM])
+    for seq in range(100):
+        sink.write(packet(seq))
+    sink.close()
+    for places, _ in clouds(tmp_path / "a.rrd").values():
+        assert len(places) == 50
+        # from all of the time, the newest included
+        assert places[:, 2].min() < 2
+        assert np.all(np.diff(places[:, 2]) <= 0)
+    assert places[:, 2].max() > 90
+
+
+def test_there_is_no_cloud_unless_asked_for(tmp_path: Path) -> None:
+    with pytest.raises(EvsError, match="points is -1"):
+        ViewSink(tmp_path / "a.rrd", points=-1)
+    sink = ViewSink(tmp_path / "a.rrd")
+    sink.open([STREAM])
+    for seq in range(50):
+        sink.write(packet(seq))
+    sink.close()
+    assert clouds(tmp_path / "a.rrd") == {}
+
+
+def test_a_live_stream_leaves_a_cloud(tmp_path: Path) -> None:
+    file = tmp_path / "live.rrd"
+    assert watched(["-o", str(file), "--points", "1000"], ticks=60) == 0
+    places, _ = clouds(file)[40_000]
+    assert len(places) == 1000
+    # of 1200: none is seen twice
+    assert len(np.unique(places, axis=0)) > 990
+
+
+PAGE = re.compile(r"open (http://127\.0\.0\.1:(\d+)/\?url=(\S+))")
+
+
+def test_the_viewer_in_a_browser(tmp_path: Path) -> None:
+    """Its page is served to this machine alone, and its data reach Rerun's own client."""
+    address = free_address()
+    publisher = Publisher(address, wait_for=1)
+    opening = threading.Thread(target=publisher.open, args=([STREAM],))
+    opening.start()
+    words = ["-m", "evs.launch.main", "view", "--live", address, "--rerun-web", "--timeout", "60"]
+    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
+    environment = {**os.environ, "PYTHONPATH": search, "PYTHONDONTWRITEBYTECODE": "1"}
+    viewing = subprocess.Popen(
+        [sys.executable, *words], env=environment, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert viewing.stderr is not None
+        page = PAGE.match(viewing.stderr.readline())
+        assert page is not None
+        source = unquote(page[3])
+        ports = {int(page[2]), urlsplit(source).port}
+        opening.join(20)
+        publish(publisher, 100)
+        # it stays for the browser after the stream's end
+        assert "Ctrl-C ends the viewer" in viewing.stderr.readline()
+        with urllib.request.urlopen(page[1], timeout=20) as answer:
+            assert b"Rerun" in answer.read()
+        assert listening(ports) == {"127.0.0.1"}
+        saved = tmp_path / "came.rrd"
+        save_from(source, saved, tmp_path)
+        assert rows(tmp_path, saved, whole=False)["eye/events SegmentationImage"] == 5
+        viewing.send_signal(signal.SIGINT)
+        assert "packets 100" in viewing.stderr.readline()
+        viewing.wait(20)
+        # the server is gone with it
+        assert listening(ports) == set()
+    finally:
+        viewing.kill()
+        viewing.communicate()
+
+
+def save_from(source: str, saved: Path, folder: Path) -> None:
+    """Rerun's own client takes what a server has, until it is interrupted."""
+    from evs.drivers.viewer.viewer import PROGRAM, quiet_environment
+
+    port = free_address().rpartition(":")[2]
+    words = [*PROGRAM, source, "--save", str(saved), "--bind", "127.0.0.1", "--port", port]
+    client = subprocess.Popen(
+        words, env=quiet_environment(folder / "client"), stderr=subprocess.DEVNULL
+    )
+    try:
+        deadline_s = time.monotonic() + 20
+        while not (saved.exists() and saved.stat().st_size > 10_000):
+            assert time.monotonic() < deadline_s
+            time.sleep(0.1)
+        time.sleep(0.5)
+        client.send_signal(signal.SIGINT)
+        client.wait(20)
+    finally:
+        client.kill()
+        client.wait()
+
+
+def listening(ports: set[int | None]) -> set[str]:
+    """The IPv4 and IPv6 addresses of this machine on which any of the ports listens."""
+    hosts = set()
+    for table in ("tcp", "tcp6"):
+        for line in Path("/proc/net", table).read_text(encoding="ascii").splitlines()[1:]:
+            host, _, port = line.split()[1].partition(":")
+            if line.split()[3] == "0A" and int(port, 16) in ports:
+                address = bytes.fromhex(host)
+                known = ".".join(str(byte) for byte in reversed(address))
+                hosts.add(known if table == "tcp" else host)
+    return hosts
+
+
 @pytest.mark.slow
 def test_a_running_viewer_gets_everything(tmp_path: Path) -> None:
     from evs.drivers.viewer import WindowBuilder
-    from evs.drivers.viewer.viewer import PROGRAM, Drawing, quiet_environment
+    from evs.drivers.viewer.viewer import PROGRAM, RerunDrawing, quiet_environment
 
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = probe.getsockname()[1]
@@ -170,7 +330,7 @@ def test_a_running_viewer_gets_everything(tmp_path: Path) -> None:
         words, env=quiet_environment(tmp_path / "home"), stderr=subprocess.DEVNULL
     )
     try:
-        drawing = Drawing()
+        drawing = RerunDrawing()
         drawing.to_viewer(port)
         drawing.describe([STREAM])
         builder = WindowBuilder("eye", 64, 48)

@@ -153,7 +153,8 @@ def test_a_camera_that_rests_on_a_body_keeps_its_picture(tmp_path: Path) -> None
 LIBRARIES = {
     *("mujoco", "onnxruntime", "pyrender", "OpenGL", "gymnasium", "imageio_ffmpeg", "PIL", "zmq"),
     *("flatbuffers", "lz4", "zstandard", "h5py", "hdf5plugin", "rosbags", "cyclonedds", "rerun"),
-    *("jax", "optax", "pytest", "scipy", "ray", "matplotlib", "av"),
+    *("jax", "optax", "pytest", "scipy", "ray", "matplotlib", "av", "argcomplete"),
+    *("foxglove", "websockets"),
 }
 SCENE = Path(__file__).parents[3] / "config/scenes/pendulum.xml"
 RUN = ["--scene", str(SCENE), "--duration", "0.003", "sensor.width=32", "sensor.height=24"]

@@ -21,6 +21,7 @@ from evs.msgs.codecs import (
     encode_evt2,
     encode_evt3,
     encode_libcaer,
+    encode_libcaer_cmp,
     encode_mono,
 )
 
@@ -201,10 +202,17 @@ def test_what_the_others_cannot_hold_is_refused() -> None:
         encode_mono(long)
     with pytest.raises(MessageError, match="counts from 9 us"):
         encode_mono(long, 9)
+    long = make_events([5, 2**24 + 5], [0, 0], [0, 0], [0, 0])
+    with pytest.raises(MessageError, match="libcaer_cmp packet spans less than 16777216 us"):
+        encode_libcaer_cmp(long)
+    with pytest.raises(MessageError, match="libcaer_cmp counts from 9 us"):
+        encode_libcaer_cmp(long, 9)
+    with pytest.raises(MessageError, match=r"x of 0 \.\.\. 2047 px, events have 2048"):
+        encode_libcaer_cmp(make_events([0], [2048], [0], [0]))
     with pytest.raises(MessageError, match="2147 s"):
         encode_libcaer(make_events([0, 2**31], [0, 0], [0, 0], [0, 0]))
     negative = make_events([-1], [0], [0], [0])
-    for encode in (encode_mono, encode_libcaer):
+    for encode in (encode_mono, encode_libcaer, encode_libcaer_cmp):
         with pytest.raises(MessageError, match="negative"):
             encode(negative)  # type: ignore[operator]
     for after_us in (1, -2_000_000):
@@ -215,6 +223,18 @@ def test_what_the_others_cannot_hold_is_refused() -> None:
     for kind in (PayloadReader, PayloadWriter):
         with pytest.raises(EvsError, match="no encoding 'evt4'; there is: evt3"):
             kind("evt4")
+
+
+def test_libcaer_cmp_is_written_as_columns_of_vectors() -> None:
+    base = 1_702_669_729_854_452
+    told = [(0, 7, 5, 1), (2, 7, 16, 1), (2, 7, 19, 1), (2, 7, 24, 1), (2, 7, 23, 1)]
+    told += [(4098, 8, 6, 0), (4098, 8, 7, 0), (4098, 8, 7, 0), (2**24 - 1, 8, 0, 0)]
+    events = make_events(*np.array([(base + t, x, y, p) for t, x, y, p in told]).T)
+    words = [0x2007, 0x3805, 0x1002, 0x4810, 0x5009, 0x3818, 0x3817]
+    words += [0x0001, 0x1002, 0x2008, 0x4000, 0x50C0, 0x3007, 0x0FFF, 0x1FFF, 0x3000]
+    assert encode_libcaer_cmp(events) == (1000 * base, halves(*words))
+    # a packet that continues says where it stands
+    assert encode_libcaer_cmp(events[1:2], base).data == halves(0x0000, 0x1002, 0x2007, 0x3810)
 
 
 def test_libcaer_cmp_is_columns_of_vectors() -> None:

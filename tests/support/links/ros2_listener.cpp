@@ -115,6 +115,7 @@ class Fields {
     cdr_ >> value;
     return value;
   }
+  void raw(const std::string& text) { out_ << text; }
   std::string str() const { return out_.str(); }
 
  private:
@@ -174,12 +175,17 @@ void pose(Fields& f) {
   f.numbers("orientation", 4);
 }
 void transforms(Fields& f) {
-  for (uint32_t left = f.count(); left; --left) {
+  const uint32_t count = f.count();
+  f.raw(",\"transforms\":[");
+  for (uint32_t k = 0; k < count; ++k) {
+    f.raw((k ? ",{\"place\":" : "{\"place\":") + std::to_string(k));
     f.header();
     f.text("child_frame_id");
     f.numbers("translation", 3);
     f.numbers("rotation", 4);
+    f.raw("}");
   }
+  f.raw("]");
 }
 void clock_time(Fields& f) { f.stamp(); }
 
@@ -212,6 +218,7 @@ struct Wanted {
   std::string name, type;
   Decode decode;
   bool reliable;
+  bool transient_local = false;
 };
 
 int main(int count, char** words) {
@@ -223,6 +230,7 @@ int main(int count, char** words) {
   const std::vector<Wanted> all = {
       {"/clock", "rosgraph_msgs::msg::dds_::Clock_", clock_time, reliable},
       {"/tf", "tf2_msgs::msg::dds_::TFMessage_", transforms, true},
+      {"/tf_static", "tf2_msgs::msg::dds_::TFMessage_", transforms, true, true},
       {path + "/imu", "sensor_msgs::msg::dds_::Imu_", imu, reliable},
       {path + "/camera_info", "sensor_msgs::msg::dds_::CameraInfo_", camera_info, reliable},
       {path + "/image_raw", "sensor_msgs::msg::dds_::Image_", image, reliable},
@@ -244,6 +252,7 @@ int main(int count, char** words) {
     qos.history().kind = KEEP_LAST_HISTORY_QOS;
     qos.history().depth = 1000;
     qos.reliability().kind = one.reliable ? RELIABLE_RELIABILITY_QOS : BEST_EFFORT_RELIABILITY_QOS;
+    if (one.transient_local) qos.durability().kind = TRANSIENT_LOCAL_DURABILITY_QOS;
     qos.endpoint().history_memory_policy =
         eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
     listeners.push_back(std::make_unique<Listener>(one.name, one.decode));

@@ -1,7 +1,8 @@
 """Other projects' view of RAW, DAT, HDF5 and bag files, as a program: one JSON line a file.
 
-READER FILE..., where READER is faery, h5py or rosbags; each runs in a process of its own, since
-faery has another licence. `write FORMAT FILE EVENTS.npy` makes a file with faery or h5py instead.
+READER FILE..., where READER is faery, eventcv, h5py or rosbags; each runs in a process of its own,
+since faery has another licence. `write FORMAT FILE EVENTS.npy` makes a file with faery or h5py
+instead.
 """
 
 from __future__ import annotations
@@ -34,6 +35,13 @@ def faery_events(path: str) -> tuple[Any, dict[str, Any]]:
     t, x, y, p = whole.dtype.names
     facts = {"size": list(stream.dimensions())}
     return (whole[t], whole[x], whole[y], whole[p]), facts
+
+
+def eventcv_events(path: str) -> tuple[Any, dict[str, Any]]:
+    import eventcv
+
+    x, y, t, p = np.asarray(eventcv.load(path).numpy()).T
+    return (t, x, y, p), {}
 
 
 def h5py_events(path: str) -> tuple[Any, dict[str, Any]]:
@@ -90,7 +98,12 @@ def rosbags_events(path: str) -> tuple[Any, dict[str, Any]]:
     return whole.T, facts
 
 
-READERS = {"faery": faery_events, "h5py": h5py_events, "rosbags": rosbags_events}
+READERS = {
+    "faery": faery_events,
+    "eventcv": eventcv_events,
+    "h5py": h5py_events,
+    "rosbags": rosbags_events,
+}
 
 
 def write(kind: str, path: str, events: Any) -> None:

@@ -1,4 +1,4 @@
-"""tonic's view of AEDAT2 and AEDAT3.1 files, as a program: FILE... gives one JSON line a file.
+"""tonic's view of AEDAT2, AEDAT3.1 and N-MNIST files: FILE... gives one JSON line a file.
 
 tonic is under the GPL: it lies in a virtual environment of its own (.ci/setup.sh makes it) and runs
 in a process of its own. Only its io module is loaded, which needs numpy alone.
@@ -43,6 +43,10 @@ def tonic_io() -> Any:
 def look(path: str) -> dict[str, Any]:
     """Events of one file; AEDAT3.1's stamps as they stand in the packets, without overflows."""
     io = tonic_io()
+    if path.endswith(".bin"):
+        events = io.read_mnist_file(path, io.events_struct)
+        columns = [events[name] for name in "txyp"]
+        return {"version": None, "events": len(events), "digest": digest(*columns)}
     version, data_at, _ = io.read_aedat_header_from_file(path)
     if version < 3:
         _, _, events = io.read_davis_346(path)

@@ -11,17 +11,20 @@ from typing import Any
 
 from evs.msgs import Events
 
+ORACLES_PYTHON = Path(sys.prefix, "oracles", "bin", "python")
+"""Of the environment that .ci/setup.sh makes for oracles under the GPL."""
+
 
 class OracleProgram:
     """A script that prints a line of JSON for each file, and whose `digest` sums up events."""
 
-    def __init__(self, script: Path) -> None:
-        self.script = script
+    def __init__(self, script: Path, python: str | Path = sys.executable) -> None:
+        self.script, self.python = script, python
 
     def __call__(self, *words: object) -> list[dict[str, Any]]:
         """What it prints for each file."""
         done = subprocess.run(
-            [sys.executable, self.script, *map(str, words)],
+            [self.python, self.script, *map(str, words)],
             capture_output=True,
             text=True,
             timeout=300,

@@ -6,6 +6,9 @@ from typing import Any
 
 import pytest
 
+from evs.drivers.clock import monotonic_s, sleep_s
+
+builtin = pytest.importorskip("cyclonedds.builtin")
 core = pytest.importorskip("cyclonedds.core")
 domains = pytest.importorskip("cyclonedds.domain")
 idl = pytest.importorskip("cyclonedds.idl")
@@ -97,24 +100,32 @@ KINDS = {
     "camera_info": CAMERA_INFO,
     "pose": POSE_STAMPED,
     "/tf": TF,
+    "/tf_static": TF,
     "/clock": CLOCK,
 }
 
 
 class Ears:
-    """Readers as a node of ROS has them: best effort, but for tf."""
+    """Readers as a node of ROS has them: best effort, but for tf; of any depth."""
 
     def __init__(
-        self, domain_id: int, path: str, names: tuple[str, ...], reliable: bool = False
+        self,
+        domain_id: int,
+        path: str,
+        names: tuple[str, ...],
+        reliable: bool = False,
+        depth: int = 10_000,
     ) -> None:
         self._participant = domains.DomainParticipant(domain_id)
         self._readers = {}
         for name in names:
             policy = core.Policy.Reliability
-            firm = reliable or name == "/tf"
+            firm = reliable or name in ("/tf", "/tf_static")
+            durability = core.Policy.Durability
             quality = core.Qos(
                 policy.Reliable(10**8) if firm else policy.BestEffort,
-                core.Policy.History.KeepLast(10_000),
+                durability.TransientLocal if name == "/tf_static" else durability.Volatile,
+                core.Policy.History.KeepLast(depth),
             )
             where = name if name[0] == "/" else f"{path}/{name}"
             topic = topics.Topic(self._participant, f"rt{where}", KINDS[name], qos=quality)
@@ -123,6 +134,22 @@ class Ears:
     def take(self, name: str) -> list[Any]:
         """What has come; inside one process it is there once it is written."""
         return list(self._readers[name].take(10_000))
+
+
+def writers(domain_id: int, names: set[str]) -> dict[str, tuple[bool, bool]]:
+    """Topic -> whether its writer is reliable, and whether it is transient local, as announced."""
+    participant = domains.DomainParticipant(domain_id)
+    reader = builtin.BuiltinDataReader(participant, builtin.BuiltinTopicDcpsPublication)
+    found, ends_s = {}, monotonic_s() + 30
+    while names - found.keys() and monotonic_s() < ends_s:
+        for one in reader.take(1000):
+            reliable = isinstance(
+                one.qos[core.Policy.Reliability], core.Policy.Reliability.Reliable
+            )
+            kept = one.qos[core.Policy.Durability] == core.Policy.Durability.TransientLocal
+            found[one.topic_name.removeprefix("rt")] = reliable, kept
+        sleep_s(0.01)
+    return {name: found[name] for name in names & found.keys()}
 
 
 def ns(time: Any) -> int:

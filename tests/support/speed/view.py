@@ -17,7 +17,7 @@ from evs.emulator.render import DirectRenderer, make_renderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 WIDTH, HEIGHT = 346, 260
-WIDE = [isa for isa in ("avx512", "avx2") if isa in _core.isa_available()]
+WIDE = [isa for isa in ("avx512", "avx2", "neon") if isa in _core.isa_available()]
 """The wide instruction sets of this machine: a table has each of them."""
 FRAME = f"{WIDTH}x{HEIGHT}, full frame with shadows"
 SCENES = [

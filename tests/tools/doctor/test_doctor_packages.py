@@ -17,7 +17,7 @@ def test_the_packages_looked_at_are_those_required() -> None:
 
     assert names(project["dependencies"]) == packages.CORE
     extras = project["optional-dependencies"]
-    tools = ("test", "build", "dev", "docs")
+    tools = ("test", "build", "dev", "docs", "wheels")
     users = {key: names(extras[key]) for key in extras if key not in tools}
     assert users == packages.EXTRAS
     assert set(packages.USES) == set(packages.EXTRAS)

@@ -32,7 +32,7 @@ def test_a_data_set_completes_where_a_node_is_killed_midway(tmp_path: Path) -> N
             env=cluster.environment(),
         )
         until_s = time.monotonic() + 60
-        while len(list(far.glob("*/*/0*"))) < 3 or not cluster.is_working(1):
+        while len(list(far.glob("[!.]*/*/0*"))) < 3 or not cluster.is_working(1):
             assert time.monotonic() < until_s
             time.sleep(0.02)
         assert not (far / MANIFEST).exists()

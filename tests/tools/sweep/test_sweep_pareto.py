@@ -254,6 +254,15 @@ def test_the_page_says_what_holds_for_all() -> None:
     assert "## b.xml, camera still" in page
     assert page.count("The reference's own error: unmatched 0.01, emd 0.01.") == 2
     assert "    fast      should be: fast, samples direct 4\n" in page
+    # what was measured on both scenes, the fastest first; the peer was measured on one
+    means = page.partition("## Means over scenes and cameras")[2].partition("##")[0]
+    rows = [line for line in means.splitlines() if line.startswith("| ")][1:]
+    assert rows[0] == "| fast | 4 | 0.5 |"
+    assert "ESIM" not in means
+    assert "60 FPS" not in means
+    speeds = [float(row.split(" | ")[1]) for row in rows]
+    assert speeds == sorted(speeds, reverse=True)
+    assert len(rows) > 4
 
 
 def test_peers_on_the_light_of_several_presets_are_told_apart() -> None:

@@ -79,11 +79,14 @@ def test_hybrid_stands_beside_the_presets_and_has_samples_of_its_own(tmp_path: P
     assert found == {
         "hybrid 1": ("fixed", 1),
         "hybrid 16": ("fixed", 16),
+        "hybrid 64": ("fixed", 64),
         "hybrid 4 at edges": ("adaptive", 4),
     }
-    # it has no noise to vary
-    with pytest.raises(EvsError, match="no value of seeds, cycle, network differs"):
-        axes.points([str(file)], ["seeds", "cycle", "network"])
+    # it has no noise to vary, so these are for path with as many samples
+    for axis in ("seeds", "cycle", "network", "frames"):
+        _, *others = axes.points([str(file)], [axis])
+        lights = {(p.config.render.renderer, p.config.render.spp) for p in others}
+        assert lights == {("path", 4)}
 
 
 def test_the_axes_of_a_preset_of_hard_light(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ import zlib
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.pictures import to_srgb8
 from evs.emulator.base.scene import F64, U8
+from evs.msgs.pictures import to_srgb8
 from evs.tools.training.scenes.draft import Draft, encoded, num
 
 BUILTIN = ("checker", "gradient", "flat")

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "reproducible_math.h"
+
 namespace evs {
 
 BoundingCapsule bounding_capsule(const Geom& g, const BoundingSphere& sphere) {
@@ -19,7 +21,7 @@ BoundingCapsule bounding_capsule(const Geom& g, const BoundingSphere& sphere) {
     case BOX: {
       axis = s[0] > s[1] ? (s[0] > s[2] ? 0 : 2) : (s[1] > s[2] ? 1 : 2);
       float a = s[(axis + 1) % 3], b = s[(axis + 2) % 3];
-      radius = g.shape == BOX ? std::hypot(a, b) : std::max(a, b);
+      radius = g.shape == BOX ? hypotenuse(a, b) : std::max(a, b);
       half = g.shape == BOX ? s[axis] : s[axis] - radius;
       break;
     }

@@ -93,12 +93,19 @@ EVS_INLINE Mask lanes_to_test(const Frame& f, int index, Int self, Mask left) {
   return shape == MESH || shape == HFIELD ? left : left & ~(self == splat(index));
 }
 
+// Can rays pass through a geom?
+EVS_INLINE bool is_transparent(const Frame& f, int index) {
+  return f.surfaces[f.geoms[index].surface].transparent();
+}
+
 // The rest of `occluded` in a scene of many geoms.
+template <bool BY_OPAQUE>
 [[gnu::noinline]] void occluded_by_many(const Frame& f, const Rays& rays, const RayCone& cone,
                                         Mask active, Float t_max, Int self, Mask& blocked) {
   GeomSet found;
   find_candidates(f.bvh, rays, cone, active & ~blocked, t_max, found);
   found.visit([&](int index) {
+    if (BY_OPAQUE && is_transparent(f, index)) return false;
     Mask tested = lanes_to_test(f, index, self, active & ~blocked);
     if (any(tested)) occlude(f, index, rays, t_max, tested, blocked);
     return !any(active & ~blocked);
@@ -106,9 +113,11 @@ EVS_INLINE Mask lanes_to_test(const Frame& f, int index, Int self, Mask left) {
 }
 
 // Find the lanes whose ray is occluded before `t_max`. `self`: the geom that the ray starts on.
-// `non_occluders`: geoms of the first 32 that are known not to occlude, one bit each.
-inline Mask occluded(const Frame& f, Vec origin, Vec direction, Float t_max, Int self,
-                     const RayCone& cone, Mask active, unsigned non_occluders) {
+// `non_occluders`: geoms of the first 32 that are known not to occlude, one bit each. BY_OPAQUE: by
+// opaque geoms alone.
+template <bool BY_OPAQUE = false>
+Mask occluded(const Frame& f, Vec origin, Vec direction, Float t_max, Int self, const RayCone& cone,
+              Mask active, unsigned non_occluders) {
   Mask blocked = mask_from_bits(0);
   Rays rays = {origin, direction, false};
   bool wide = is_wide(cone);
@@ -117,6 +126,7 @@ inline Mask occluded(const Frame& f, Vec origin, Vec direction, Float t_max, Int
     if (k < 32) near &= ~(non_occluders >> k);
     for (; near; near &= near - 1) {
       int index = k + first_lane(near);
+      if (BY_OPAQUE && is_transparent(f, index)) continue;
       // skip the geom if no lane can hit it
       Mask tested = lanes_to_test(f, index, self, active & ~blocked);
       if (!any(tested) || (wide && !any_ray_near(f, index, rays, tested))) continue;
@@ -126,7 +136,7 @@ inline Mask occluded(const Frame& f, Vec origin, Vec direction, Float t_max, Int
     }
   }
   if (f.bvh.top > 0 && cone_may_touch(f.finite_bounds, cone)) {
-    occluded_by_many(f, rays, cone, active, t_max, self, blocked);
+    occluded_by_many<BY_OPAQUE>(f, rays, cone, active, t_max, self, blocked);
   }
   return blocked;
 }

@@ -2,6 +2,8 @@
 // neither the camera ray nor the texture is evaluated again.
 #pragma once
 
+#include <cstddef>
+
 #include "integrators/wavefront.inl"
 
 namespace evs::EVS_NAMESPACE {

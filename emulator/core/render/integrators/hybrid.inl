@@ -357,7 +357,7 @@ struct HybridShading {
       if (!any(lanes)) return false;
       hiders.add(index, lanes);
       bool outline = g.shape == SPHERE || g.shape == CAPSULE || g.shape == PLANE;
-      if (p.transparent || !outline) {
+      if (!outline || (p.transparent && is_transparent(f, index))) {
         unknown = unknown | lanes;
         return false;
       }
@@ -389,17 +389,25 @@ struct HybridShading {
       Float distance;
       Vec wi = sample_cone(in.wi, in.distance, light.radius, u, p.world, distance);
       distance = max(distance, splat(0.0f));
-      if (p.transparent || !hiders.all) {
+      if (!hiders.all) {
         return transmittance(f, p, at.interaction.spawn_point, wi, distance, at.hit.geom, traced,
                              light.non_occluders, nullptr);
       }
       Mask blocked = mask_from_bits(0);
       Rays rays = {at.interaction.spawn_point, wi, false};
+      bool layers = false;
       for (int i = 0; i < hiders.count; i++) {
         Mask tested = hiders.lanes[i] & traced & ~blocked;
-        if (any(tested)) occlude(f, hiders.geoms[i], rays, distance, tested, blocked);
+        if (!any(tested)) continue;
+        if (p.transparent && is_transparent(f, hiders.geoms[i])) {
+          layers = true;
+        } else {
+          occlude(f, hiders.geoms[i], rays, distance, tested, blocked);
+        }
       }
-      return select(traced & ~blocked, splat(1.0f), splat(0.0f));
+      traced = traced & ~blocked;
+      if (!layers) return select(traced, splat(1.0f), splat(0.0f));
+      return through_geoms(f, p, rays, distance, at.hit.geom, traced);
     };
     constexpr int ON_RIM = 4, FIRST = 4;
     Float rim = splat(0.0f);

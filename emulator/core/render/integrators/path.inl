@@ -41,6 +41,57 @@ constexpr int ROULETTE_START_DEPTH = 2;  // Russian roulette from this bounce on
 // less noise in a given number of rays than 1 or no roulette.
 constexpr float ROULETTE_THROUGHPUT = 0.25f;
 
+// The lanes of `lit` whose hit is on a transparent geom.
+EVS_INLINE Mask on_transparent(const Frame& f, const Hit& hit, Mask lit) {
+  Mask found = mask_from_bits(0);
+  for (unsigned left = to_bits(lit); left;) {
+    int index = lane(hit.geom, first_lane(left));
+    Mask here = (hit.geom == splat(index)) & mask_from_bits(left);
+    left &= ~to_bits(here);
+    if (is_transparent(f, index)) found = found | here;
+  }
+  return found;
+}
+
+// Multiply the transparency of the layers that rays meet before `t_max`, from front to back. In:
+// next(lanes, t_min) returns the nearest hits behind t_min.
+template <class Next>
+Float through_layers(const Frame& f, const Rays& rays, Float t_max, Mask active, const Next& next) {
+  Float zero = splat(0.0f), transmitted = select(active, splat(1.0f), zero), t_min = zero;
+  for (int layer = 0; layer < MAX_LAYERS && any(active); layer++) {
+    Hit hit = next(active, t_min);
+    active = active & (hit.distance < t_max) & ~(hit.geom < splat(0));
+    Mask passing = on_transparent(f, hit, active);
+    transmitted = select(active & ~passing, zero, transmitted);
+    active = passing;
+    if (!any(active)) return transmitted;
+    SurfaceInteraction<3> interaction = surface_interaction<3>(f, rays, hit, to_bits(active), zero);
+    transmitted = select(active, transmitted * max(1.0f - interaction.alpha, zero), transmitted);
+    active = active & (transmitted > 0.0f);
+    t_min = hit.distance;
+  }
+  return select(active, zero, transmitted);  // more layers than are followed: opaque
+}
+
+// The same through transparent geoms alone. `self` as of `occluded`.
+inline Float through_geoms(const Frame& f, const PathFrame& p, const Rays& rays, Float t_max,
+                           Int self, Mask active) {
+  return through_layers(f, rays, t_max, active, [&](Mask left, Float t_min) {
+    Hit hit = {select(left, splat(T_INFINITY), splat(-1.0f)), splat(-1), splat(0), splat(0.0f),
+               splat(0.0f)};
+    for (int i = 0; i < p.transparent_count; i++) {
+      int index = p.transparent_geoms[i];
+      Mask tested = lanes_to_test(f, index, self, left);
+      if (!any(tested) || !any_ray_near(f, index, rays, tested)) continue;
+      Float distance = hit.distance;
+      hit.distance = select(tested, distance, splat(-1.0f));
+      intersect_geom(f, index, rays, t_min, hit);
+      hit.distance = select(tested, hit.distance, distance);
+    }
+    return hit;
+  });
+}
+
 // Return the transmittance of shadow rays up to `t_max`. `non_occluders`: as for `occluded`.
 inline Float transmittance(const Frame& f, const PathFrame& p, Vec origin, Vec wi, Float t_max,
                            Int self, Mask active, unsigned non_occluders, Clearance* clearance) {
@@ -58,19 +109,14 @@ inline Float transmittance(const Frame& f, const PathFrame& p, Vec origin, Vec w
     Mask blocked = occluded(f, origin, wi, t_max, self, cone, active, non_occluders);
     return select(blocked | ~active, zero, one);
   }
-  // multiply by the transparency of each layer, front to back
-  Float transmitted = select(active, one, zero), t_min = zero;
   Rays rays = {origin, wi, false};
-  for (int layer = 0; layer < MAX_LAYERS && any(active); layer++) {
-    Hit hit = intersect(f, rays, cone, active, t_min);
-    active = active & (hit.distance < t_max) & ~(hit.geom < splat(0));
-    if (!any(active)) return transmitted;
-    SurfaceInteraction<3> interaction = surface_interaction<3>(f, rays, hit, to_bits(active), zero);
-    transmitted = select(active, transmitted * max(1.0f - interaction.alpha, zero), transmitted);
-    active = active & (transmitted > 0.0f);
-    t_min = hit.distance;
+  if (!p.transparent_geoms) {
+    return through_layers(f, rays, t_max, active, [&](Mask left, Float t_min) {
+      return intersect(f, rays, cone, left, t_min);
+    });
   }
-  return select(active, zero, transmitted);  // more layers than are followed: opaque
+  Mask blocked = occluded<true>(f, origin, wi, t_max, self, cone, active, non_occluders);
+  return through_geoms(f, p, rays, t_max, self, active & ~blocked);
 }
 
 // Next-event estimation of one of MuJoCo's lights: add the light that it reflects along -d, times
@@ -178,10 +224,10 @@ inline Mask intersect_paths(const Frame& f, const PathFrame& p, int bounce, Path
   Mask lit = active & ~(hit.geom < splat(0));
   if (p.transparent) {
     // pass through transparent surfaces at random
-    Mask transmitted = lit;
+    Mask transmitted = on_transparent(f, hit, lit);
     for (int layer = 0; layer < MAX_LAYERS && any(transmitted); layer++) {
       SurfaceInteraction<3> interaction =
-          surface_interaction<3>(f, rays, hit, to_bits(lit), path.path_length);
+          surface_interaction<3>(f, rays, hit, to_bits(transmitted), path.path_length);
       Float u_alpha = sample_2d(path.sampler,
                                 bounce * DIMENSIONS_PER_VERTEX + DIMENSIONS_PER_VERTEX - 1 - layer)
                           .x;
@@ -194,6 +240,7 @@ inline Mask intersect_paths(const Frame& f, const PathFrame& p, int bounce, Path
              select(transmitted, next.geom, hit.geom),
              select(transmitted, next.triangle, hit.triangle), select(transmitted, next.u, hit.u),
              select(transmitted, next.v, hit.v)};
+      transmitted = on_transparent(f, hit, found);
     }
   }
   // record the rays for the path cache

@@ -75,6 +75,11 @@ EVS_INLINE Int reverse_bits(Int a) {
   return a;
 #endif
 }
+#elif EVS_NEON
+EVS_INLINE Int reverse_bits(Int a) {
+  for (IntPart& part : a.v) part = (IntPart)vrev32q_u8(vrbitq_u8((uint8x16_t)part));
+  return a;
+}
 #else
 EVS_INLINE Int reverse_bits(Int a) {
   auto swap = [](Int x, Int high, int mask, int times) {

@@ -1,0 +1,75 @@
+"""wrap: one line that gives events from an environment of another library."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from evs.drivers.environments.event_env import EpisodeCamera, EventEnv
+from evs.drivers.environments.physics import is_gymnasium
+from evs.emulator import EventCamera
+from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
+from evs.emulator.world import MjModel
+from evs.msgs import EvsError
+
+EVERY = ("substep", "step")
+
+
+def wrap(
+    env: Any,
+    camera: str | CameraConfig = "",
+    *,
+    every: str = "substep",
+    sensor: str | SensorConfig = "davis346",
+    render: RenderConfig | None = None,
+    model_config: ModelConfig | None = None,
+    seed: int = 0,
+    threads: int = 0,
+) -> Any:
+    """Put an event camera into an environment.
+
+        env = evs.wrap(gymnasium.make("Ant-v5"), camera="track")
+        env.reset(seed=1)
+        env.step(action)
+        env.events                      # those of this step
+
+    For environments of Gymnasium, Gymnasium-Robotics, Metaworld, robosuite and dm_control, also
+    wrapped ones. Resets, resets that compile a new model, and episodes that begin in `step` are
+    followed: events then begin anew. In a vector of environments, wrap each of them.
+
+    Args:
+        env: The environment; its step and reset give what they gave.
+        camera: As of EventCamera, and so the others.
+        every: When the camera looks: in every "substep" of the physics, or after every "step" of
+            the environment, which is faster and sees what moves jump.
+        sensor: Its preset or configuration.
+        render: How light reaches the pixels.
+        model_config: What turns light into events.
+        seed: The noise of all episodes follows from it, and from a seed that `reset` is given.
+        threads: Worker threads; 0: one a core.
+
+    Returns:
+        The environment with `events`, (n,) EVENT_DTYPE of its last step, and `event_camera`, the
+        EventCamera. One of Gymnasium is a gymnasium.Wrapper.
+
+    Raises:
+        EvsError: No physics of MuJoCo is found, or as of EventCamera.
+    """
+    if every not in EVERY:
+        raise EvsError(f"every is {every!r}; give {' or '.join(map(repr, EVERY))}")
+
+    def make(model: MjModel) -> EventCamera:
+        return EventCamera(
+            model,
+            camera,
+            sensor=sensor,
+            render=render,
+            model_config=model_config,
+            threads=threads,
+        )
+
+    episode = EpisodeCamera(env, make, every, seed)
+    if not is_gymnasium(env):
+        return EventEnv(env, episode)
+    from evs.drivers.gym.event_wrapper import EventWrapper
+
+    return EventWrapper(env, episode)

@@ -1,0 +1,1 @@
+"""A virtual event camera as a lifecycle node of ROS 2."""

@@ -1,0 +1,79 @@
+"""A pipeline file as JSON Schema, with which editors complete and check its keys."""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+import typing
+from collections.abc import Mapping
+from typing import Any
+
+from evs.drivers.run.config import SINK_PLACES, WORKER, PipelineConfig
+from evs.drivers.run.config_keys import field_docs
+from evs.drivers.settings import to_plain
+from evs.emulator.config.declaration import Declaration, declaration
+
+DIALECT = "http://json-schema.org/draft-07/schema#"
+"""The dialect that editors of TOML know."""
+
+_PLAIN = {bool: "boolean", int: "integer", float: "number", str: "string"}
+
+Schema = dict[str, Any]
+
+
+def pipeline_schema() -> Schema:
+    """The JSON Schema of a pipeline file: its tables, keys, types, ranges, defaults and meaning."""
+    schema = _table(PipelineConfig)
+    keys = schema["properties"]
+    keys["worker"] = keys["aside"]
+    sink = keys["sink"]["items"]["properties"]
+    sink["type"]["enum"] = list(SINK_PLACES)
+    for alias, key in WORKER.items():
+        sink[alias] = sink[key]
+    keys["randomise"] = {
+        "type": "object",
+        "description": "ranges for keys of [sensor], as in cutoff_hz = 'uniform(100, 300)'",
+        "additionalProperties": {"type": ["string", "object"]},
+    }
+    return {"$schema": DIALECT, "title": "A pipeline of evs", **schema}
+
+
+def _table(cls: type) -> Schema:
+    """A class as an object of its fields."""
+    hints, docs = typing.get_type_hints(cls), field_docs(cls)
+    keys = {}
+    for field in dataclasses.fields(cls):
+        declared = declaration(field)
+        key = _value(hints[field.name], declared)
+        if doc := docs.get(field.name):
+            key["description"] = doc
+        default = to_plain(field.default)
+        if field.default is not dataclasses.MISSING and default not in (None, []):
+            key["default"] = default
+        keys[field.name] = key
+    return {"type": "object", "properties": keys, "additionalProperties": False}
+
+
+def _value(annotation: Any, declared: Declaration | None) -> Schema:
+    """What a field may be. None is no value of TOML: the key is left out instead."""
+    if dataclasses.is_dataclass(annotation):
+        return _table(typing.cast(type, annotation))
+    kind = typing.get_origin(annotation)
+    if kind in (typing.Union, types.UnionType):
+        kinds = [one for one in typing.get_args(annotation) if one is not types.NoneType]
+        found = [_value(one, declared) for one in kinds]
+        return found[0] if len(found) == 1 else {"anyOf": found}
+    if kind is tuple:
+        items = typing.get_args(annotation)
+        schema: Schema = {"type": "array", "items": _value(items[0], declared)}
+        if items[1:] != (...,):
+            schema |= {"minItems": len(items), "maxItems": len(items)}
+        return schema
+    if kind is not None and issubclass(kind, Mapping):
+        return {"type": "object"}
+    schema = {"type": _PLAIN[annotation]}
+    if declared is not None and declared.choices and annotation is str:
+        schema["enum"] = list(declared.choices)
+    if declared is not None and declared.within is not None and annotation in (int, float):
+        schema["minimum"], schema["maximum"] = declared.within
+    return schema

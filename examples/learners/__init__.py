@@ -1,0 +1,1 @@
+"""Data for learners that other people wrote: docs/howto/learners.md trains them."""
