@@ -70,10 +70,16 @@ def clean_events(events: Events) -> Events:
 
 
 LABEL_DTYPE = np.dtype(
-    {"names": ["cause", "geom_id"], "formats": ["u1", "<i4"], "offsets": [0, 4], "itemsize": 8}
+    {
+        "names": ["cause", "geom_id", "class_id", "depth", "flow"],
+        "formats": ["u1", "<i4", "<i4", "<f4", ("<f4", (2,))],
+        "offsets": [0, 4, 8, 12, 16],
+        "itemsize": 24,
+    }
 )
-"""cause: a Cause; geom_id: MuJoCo's, of what the pixel's centre showed at the end of the tick, -1
-nothing, skins, flexes, sites and tendons as in GroundTruth."""
+"""cause: a Cause. The rest is of what the pixel's centre showed at the end of the tick, as in
+GroundTruth: geom_id MuJoCo's, -1 nothing, skins, flexes, sites and tendons below; class_id an index
+into StreamInfo.classes, -1 none; depth m, flow (x, y) px/s, both NaN where they are not known."""
 
 Labels = np.ndarray[Any, np.dtype[np.void]]
 """(n,) LABEL_DTYPE, in the order of the events they belong to."""
@@ -100,12 +106,22 @@ class Cause(IntEnum):
     """the read of the pixel's row in an intensity frame"""
 
 
-def take_labels(events: np.ndarray[Any, Any], geom_id: np.ndarray[Any, Any]) -> Labels:
+def take_labels(
+    events: np.ndarray[Any, Any],
+    geom_id: np.ndarray[Any, Any],
+    class_of_geom: np.ndarray[Any, Any] | None = None,
+    depth: np.ndarray[Any, Any] | None = None,
+    flow: np.ndarray[Any, Any] | None = None,
+) -> Labels:
     """Move the causes from the padding of events into labels.
 
     Args:
         events: (n,) EVENT_DTYPE, contiguous; their padding is zero afterwards.
         geom_id: (h, w) geom at the centre of each pixel.
+        class_of_geom: (k,) class of each geom_id, whose negative values count from the end; None:
+            -1 everywhere.
+        depth: (h, w) m; None: NaN everywhere.
+        flow: (h, w, 2) px/s; None: NaN everywhere.
 
     Returns:
         (n,) LABEL_DTYPE.
@@ -114,7 +130,11 @@ def take_labels(events: np.ndarray[Any, Any], geom_id: np.ndarray[Any, Any]) -> 
     causes = events.view(np.uint8).reshape(-1, events.dtype.itemsize)[:, CAUSE_BYTE]
     labels["cause"] = causes
     causes[:] = 0
-    labels["geom_id"] = geom_id[events["y"], events["x"]]
+    there = events["y"], events["x"]
+    labels["geom_id"] = geom_id[there]
+    labels["class_id"] = -1 if class_of_geom is None else class_of_geom[labels["geom_id"]]
+    labels["depth"] = np.nan if depth is None else depth[there]
+    labels["flow"] = np.nan if flow is None else flow[there]
     return labels
 
 

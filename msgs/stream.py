@@ -35,6 +35,8 @@ class StreamInfo:
     """Whether the stream has triggers."""
     latency_us: int = 0
     """Delay of the events behind the light that caused them, us; their time stamps include it."""
+    classes: list[str] = field(default_factory=list)
+    """Names of what class_id counts, if the events are labelled."""
 
     @property
     def start_us(self) -> int:

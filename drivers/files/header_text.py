@@ -45,6 +45,8 @@ def stream_from_json(stated: Any, default: StreamInfo) -> StreamInfo:
         for item in dataclasses.fields(StreamInfo)
         if type(stated.get(item.name)) is type(getattr(default, item.name))
     }
+    if not all(isinstance(name, str) for name in known.get("classes", ())):
+        del known["classes"]
     stream = dataclasses.replace(default, **known)
     sides = stream.width, stream.height
     possible = all(0 < side <= MAX_SIDE_PX for side in sides) and stream.tick_us > 0

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from evs.emulator.base.protocols import Meter, NoMeter, Renderer
-from evs.emulator.base.scene import F32, CameraPose, GroundTruth, SceneModel, SceneSnapshot
+from evs.emulator.base.scene import F32, I32, CameraPose, GroundTruth, SceneModel, SceneSnapshot
 from evs.emulator.base.stamps import later_events
 from evs.emulator.camera.auxiliary_sensors import AuxiliarySensors
 from evs.emulator.camera.camera_plan import (
@@ -30,13 +30,15 @@ from evs.emulator.render import flicker_warnings
 from evs.emulator.sensor import SensorParameters, completed, preset_biases, resolve_sensor
 from evs.emulator.state import Saved, joined, number, numbers, part
 from evs.emulator.state.versions import versions
-from evs.emulator.world import BoundCamera, MjModel, warn_left_out
+from evs.emulator.world import BoundCamera, MjModel, object_classes, warn_left_out
 from evs.msgs import (
     EventPacket,
+    Events,
     EvsError,
     Frame,
     ImuPacket,
     ImuSamples,
+    Labels,
     Pose,
     StreamInfo,
     clear_causes,
@@ -73,6 +75,7 @@ class Camera:
     """whose light the last instant was"""
     _now: tuple[SceneSnapshot, CameraPose] | None
     _previous: tuple[SceneSnapshot, CameraPose] | None
+    _class_of_geom: I32 | None = None
     rebuilt: dict[str, int]
     """how often its scene was built again since it was made, as the model was edited, and of that
     how many meshes and textures: scenes, meshes, textures"""
@@ -143,6 +146,7 @@ class Camera:
             imu=sensor.imu.enabled,
             triggers=sensor.aps.enabled,
             latency_us=self._latency_us(self._pixels),
+            classes=self._class_names(),
         )
         self._forget()
 
@@ -351,9 +355,20 @@ class Camera:
                 for kind, count in getattr(viewpoint.renderer, "built", everything).items():
                     self.rebuilt[kind] += count
             self._stand(viewpoint)
-            self._info = replace(self._info, camera_info=camera_info(viewpoint.bound.model))
+            seen = camera_info(viewpoint.bound.model)
+            self._info = replace(self._info, camera_info=seen, classes=self._class_names())
 
         return put
+
+    def _class_names(self) -> list[str]:
+        """Divide the world into classes, if events are labelled with them."""
+        model = self._plan.model
+        if not model.labels:
+            if model.classes:
+                raise EvsError("model.classes are classes of labels: add model.labels=true")
+            return []
+        names, self._class_of_geom = object_classes(self._world, model.classes)
+        return list(names)
 
     def _stand(self, viewpoint: Viewpoint) -> None:
         self._viewpoint = viewpoint
@@ -466,11 +481,15 @@ class Camera:
             height=self._size[1],
             events=events,
             camera=self._info.camera,
-            labels=take_labels(events, self.ground_truth().geom_id) if labelled else None,
+            labels=self._labels_of(events) if labelled else None,
         )
         self._seq += 1
         self.events += len(tick.events)
         return packet
+
+    def _labels_of(self, events: Events) -> Labels:
+        truth = self.ground_truth()
+        return take_labels(events, truth.geom_id, self._class_of_geom, truth.depth, truth.flow)
 
     def _see(self, frame: RenderedFrame, begin_us: int) -> list[DoneTick]:
         snapshot, pose = frame.snapshot, frame.pose

@@ -210,8 +210,12 @@ class ModelConfig:
     what a large step leaves fires in later ticks (saturation) | many: as many as the step is worth,
     at most 64"""
     labels: bool = False
-    """label every event with its cause (signal, leak, shot noise, hot pixel) and the geom that the
-    pixel sees, in packet.labels and in .npz recordings"""
+    """label every event with its cause (signal, leak, shot noise, hot pixel), and with geom, class,
+    depth and flow of what the pixel sees, in packet.labels and in .npz recordings"""
+    classes: tuple[str, ...] = ()
+    """labels: NAME=PATTERN: a class, and the names of the geoms, or of bodies with all that they
+    carry, that belong to it, such as hand=finger*; the first that matches counts. What none matches
+    has the name of the whole object, such as the robot's root body"""
 
 
 @dataclass(frozen=True)

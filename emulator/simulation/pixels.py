@@ -119,6 +119,10 @@ class Pixels:
                 f"model.chunk is {self._model.chunk}, but Pixels give their events at once: "
                 "leave it 1"
             )
+        if self._model.classes:
+            raise EvsError(
+                "model.classes match names of a scene, and frames have none: leave it out"
+            )
         if not name or not isinstance(name, str) or not name.isprintable():
             raise EvsError(f"a camera called {name!r}: give it a printable name")
         self.sensor = resolved = resolve_sensor(config)

@@ -41,6 +41,7 @@ from evs.emulator.world.model import (
     load_spec,
     load_text,
 )
+from evs.emulator.world.object_classes import ObjectClasses, object_classes
 from evs.emulator.world.physics import (
     Physics,
     Substeps,
@@ -66,6 +67,7 @@ __all__ = [
     "Mobility",
     "ModelDigest",
     "NamedSensors",
+    "ObjectClasses",
     "Physics",
     "Scene",
     "SnapshotTaker",
@@ -90,6 +92,7 @@ __all__ = [
     "mobility_of",
     "moving_bodies",
     "name_of_keyframe",
+    "object_classes",
     "starting_keyframe",
     "visible_geoms",
     "warn_left_out",

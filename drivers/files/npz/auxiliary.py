@@ -47,8 +47,17 @@ IMU_ARRAYS = {
 TRIGGER_ARRAYS = {"trigger_t": ("t", "iu"), "trigger_kind": ("kind", "iu")}
 """array, (n,) in TRIGGER_DTYPE's units -> (its field, kinds of dtype)"""
 
-LABEL_ARRAYS = {"cause": "u", "geom_id": "i"}
-"""array, (n,) as the events -> kinds of dtype"""
+LABEL_ARRAYS = {
+    "cause": ("u", 1, 0),
+    "geom_id": ("i", 1, -1),
+    "class_id": ("i", 1, -1),
+    "depth": ("f", 1, np.nan),
+    "flow": ("f", 2, np.nan),
+}
+"""array, (n,) or (n, 2) as the events -> (kinds of dtype, axes, value in files without it)"""
+
+REQUIRED_LABELS = {"cause", "geom_id"}
+"""what files of evs 0.1 have"""
 
 Get = Callable[[str, str, int], Array]
 """reads an array by its name, allowed kinds of dtype and number of axes"""
@@ -80,15 +89,20 @@ def labels_of(names: Collection[str], get: Get, events: int) -> Labels | None:
 
     A value that is too large for its field raises ValueError.
     """
-    if not set(LABEL_ARRAYS) <= set(names):
-        return None
-    columns = {name: get(name, kinds, 1) for name, kinds in LABEL_ARRAYS.items()}
-    if any(len(column) != events for column in columns.values()):
+    if not set(names) >= REQUIRED_LABELS:
         return None
     labels = np.zeros(events, LABEL_DTYPE)
-    for name, column in columns.items():
+    for name, (kinds, axes, unknown) in LABEL_ARRAYS.items():
+        if name not in names:
+            labels[name] = unknown
+            continue
+        column = get(name, kinds, axes)
+        if len(column) != events:
+            return None
+        if column.shape != labels[name].shape:
+            raise ValueError(f"array '{name}' is {column.shape}, not {labels[name].shape}")
         labels[name] = column
-        if not np.array_equal(labels[name], column):
+        if not np.array_equal(labels[name], column, equal_nan=kinds == "f"):
             raise ValueError(f"array '{name}' has values that are no {name}")
     return labels
 

@@ -21,7 +21,6 @@ from evs.drivers.files.paths import stopped_text, target_error
 from evs.drivers.sink import Sink, SinkStoppedError, Stream
 from evs.msgs import (
     EVENT_DTYPE,
-    LABEL_DTYPE,
     EventPacket,
     EvsError,
     Frame,
@@ -179,7 +178,7 @@ class NpzRecorder(Sink):
             write_array(archive, name, values)
         if self._labels:
             for name in LABEL_ARRAYS:
-                self._spool(name, LABEL_DTYPE[name]).write_to(archive, name, self._labels)
+                self._spools[name].write_to(archive, name, self._labels)
 
     def _spool(self, name: str, dtype: np.dtype[Any]) -> ArraySpool:
         """The spool of this name, a new one where there is none."""

@@ -12,7 +12,7 @@ import pytest
 from evs.drivers.files import read
 from evs.drivers.files.npz import NpzRecorder
 from evs.drivers.run.config import load
-from evs.emulator import Sensor, World
+from evs.emulator import Pixels, Sensor, World
 from evs.emulator.base.scene import F32
 from evs.emulator.config import ModelConfig, SensorConfig
 from evs.emulator.sensor import PlainModel, SensorParameters
@@ -24,7 +24,8 @@ SCENE = """<mujoco><option gravity="0 0 0"/>
 <visual><headlight ambient="0.4 0.4 0.4"/></visual>
 <worldbody>
   <geom name="wall" type="box" pos="0 2 0" size="3 0.1 3" rgba="0.2 0.2 0.2 1"/>
-  <body><joint type="slide" axis="1 0 0"/><geom name="ball" size="0.3" rgba="1 1 1 1"/></body>
+  <body name="ball"><joint type="slide" axis="1 0 0"/>
+    <geom name="ball" size="0.3" rgba="1 1 1 1"/></body>
   <camera name="eye" pos="0 -2 0" xyaxes="1 0 0 0 0 1"/>
 </worldbody></mujoco>"""
 
@@ -93,9 +94,13 @@ def test_a_packet_says_the_geom_under_each_event() -> None:
         (packet,), (other,) = world.step(), plain.step()
         assert packet.labels is not None
         assert packet.events.tobytes() == other.events.tobytes()
-        truth = camera.ground_truth().geom_id
+        truth = camera.ground_truth()
         events, labels = packet.events, packet.labels
-        np.testing.assert_array_equal(labels["geom_id"], truth[events["y"], events["x"]])
+        there = events["y"], events["x"]
+        for name in ("geom_id", "depth", "flow"):
+            np.testing.assert_array_equal(labels[name], getattr(truth, name)[there])
+        names = [camera.info.classes[number] for number in labels["class_id"]]
+        assert names == [model.geom(number).name for number in labels["geom_id"]]
         assert set(labels["cause"]) <= {Cause.SIGNAL}
         geoms |= set(labels["geom_id"].tolist())
     # what the ball covers now, and the wall that it has left
@@ -119,7 +124,8 @@ def test_in_a_loop_of_the_users_own() -> None:
 
 def test_a_recording_keeps_them(tmp_path: Path) -> None:
     world = World(mujoco.MjModel.from_xml_string(SCENE))
-    camera = world.add_camera("eye", sensor="ideal", model=ModelConfig(labels=True))
+    model = ModelConfig(labels=True, classes=("round=ball",))
+    camera = world.add_camera("eye", sensor="ideal", model=model)
     world.data.qvel[:] = 3.0
     recorder = NpzRecorder(tmp_path / "a.npz")
     recorder.open([camera.info])
@@ -136,9 +142,48 @@ def test_a_recording_keeps_them(tmp_path: Path) -> None:
     assert len(recording) == len(labels) > 0
     for name in labels.dtype.names:
         np.testing.assert_array_equal(recording.labels[name], labels[name])
+    assert recording.stream.classes == ["wall", "round"]
     with np.load(tmp_path / "a.npz") as file:
-        np.testing.assert_array_equal(file["cause"], labels["cause"])
-        np.testing.assert_array_equal(file["geom_id"], labels["geom_id"])
+        arrays = dict(file)
+    for name in labels.dtype.names:
+        np.testing.assert_array_equal(arrays[name], labels[name])
+
+    # as evs 0.1 wrote them
+    for name in ("class_id", "depth", "flow"):
+        del arrays[name]
+    np.savez(tmp_path / "old.npz", **arrays)
+    old = read(tmp_path / "old.npz").labels
+    assert old is not None
+    np.testing.assert_array_equal(old["geom_id"], labels["geom_id"])
+    assert set(old["class_id"]) == {-1}
+    assert np.isnan(old["depth"]).all()
+    assert np.isnan(old["flow"]).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "column", "text"),
+    [
+        ("flow", np.zeros((3, 3)), "array 'flow' is .3, 3., not .3, 2."),
+        ("depth", np.full(3, 0.1), "values that are no depth"),
+        ("class_id", np.array([0, 1, 1 << 40]), "values that are no class_id"),
+    ],
+)
+def test_labels_of_another_kind_are_refused(
+    tmp_path: Path, name: str, column: Any, text: str
+) -> None:
+    arrays = {"t": [1, 2, 3], "x": [0, 0, 0], "y": [0, 0, 0], "p": [1, 1, 1]}
+    labels = {"cause": np.ones(3, np.uint8), "geom_id": np.zeros(3, np.int32), name: column}
+    np.savez(tmp_path / "a.npz", **arrays, **labels)
+    with pytest.raises(EvsError, match=text):
+        read(tmp_path / "a.npz")
+
+
+def test_classes_without_labels_are_refused() -> None:
+    world = World(mujoco.MjModel.from_xml_string(SCENE))
+    with pytest.raises(EvsError, match=r"add model\.labels=true"):
+        world.add_camera("eye", sensor="ideal", model=ModelConfig(classes=("a=ball",)))
+    with pytest.raises(EvsError, match="frames have none"):
+        Pixels("ideal", size=(8, 8), model=ModelConfig(labels=True, classes=("a=ball",)))
 
 
 def test_a_recording_without_a_place_for_them_is_refused(tmp_path: Path) -> None:
