@@ -47,5 +47,6 @@ stage "sanitisers" sh .ci/sanitize.sh
 stage "versions of MuJoCo and NumPy" sh .ci/versions.sh
 stage "wheel" sh .ci/wheels.sh one
 stage "documentation" sh .ci/docs.sh
+stage "learners" sh .ci/learners.sh short
 stage "tests" sh .ci/tests.sh "not bench"
 report "clean"
