@@ -18,6 +18,7 @@ std::vector<std::string> isa_available() {
 #endif
   if (EVS_BUILT_NEON) names.push_back("neon");  // every 64-bit ARM processor has it
   if (EVS_BUILT_PORTABLE) names.push_back("portable");
+  if (EVS_BUILT_ONE_LANE) names.push_back("one_lane");
   if (names.empty()) {
     throw std::runtime_error(
         "this core was built for another processor only, as `make demo` does: run `make test`");

@@ -18,7 +18,8 @@
 #define EVS_ARM64 0
 #endif
 
-// Instruction sets in this build: all, or with EVS_ISA=native only the best of this machine.
+// Instruction sets in this build: all, or with EVS_ISA=native only the best of this machine. The
+// kernels of one lane are for tests.
 #ifndef EVS_BUILT_PORTABLE
 #define EVS_BUILT_PORTABLE 1
 #endif
@@ -31,11 +32,14 @@
 #ifndef EVS_BUILT_AVX512
 #define EVS_BUILT_AVX512 EVS_X86
 #endif
+#ifndef EVS_BUILT_ONE_LANE
+#define EVS_BUILT_ONE_LANE 0
+#endif
 
 namespace evs {
 
 // The instruction sets that this machine runs and this build holds, best first: of "avx512",
-// "avx2", "neon", "portable".
+// "avx2", "neon", "portable", "one_lane".
 std::vector<std::string> isa_available();
 
 }  // namespace evs

@@ -3,7 +3,7 @@
 //
 // A vector has 16 lanes (one register of 512 bits, two of 256 or four of 128), so control flow is
 // the same too. With EVS_VECTOR_BITS 1024 it has 32 lanes in two registers of 512 bits: one half
-// computes while the other waits for memory.
+// computes while the other waits for memory. With EVS_VECTOR_BITS 32 it has one lane.
 //
 // All operations are correctly rounded (+ - * / sqrt, comparison, truncation), nothing is
 // contracted to fma, and no sum runs across lanes.
@@ -12,6 +12,9 @@
 #pragma once
 
 #include "simd_target.h"
+#if EVS_VECTOR_BITS == 32
+#include "simd_one_lane.inl"
+#endif
 
 namespace evs::EVS_NAMESPACE {
 namespace {
@@ -118,7 +121,7 @@ EVS_INLINE float reduce_max(Float a) { return _mm512_reduce_max_ps(_mm512_max_ps
 #undef EVS_1
 #undef EVS_2
 
-#else
+#elif EVS_VECTOR_BITS != 32
 
 constexpr int LANES = 16;
 constexpr unsigned ALL_LANES = 0xffffu;
@@ -500,6 +503,8 @@ EVS_INLINE int lane(Int a, int i) {
   return values[i];
 }
 
+#if EVS_VECTOR_BITS != 32
+
 // Four adjacent floats of each lane.
 struct Float4 {
   Float first, second, third, fourth;
@@ -601,6 +606,7 @@ EVS_INLINE Float4 gather_float4(const float* base, Int at) {
   return {load(out[0]), load(out[1]), load(out[2]), load(out[3])};
 #endif
 }
+#endif
 
 }  // namespace
 }  // namespace evs::EVS_NAMESPACE

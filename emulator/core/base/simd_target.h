@@ -5,7 +5,8 @@
 // own instruction set, defines the macros below and includes the code, which all lands in
 // `namespace evs::EVS_NAMESPACE`.
 //
-//   EVS_VECTOR_BITS  bits of a register: 128, 256 or 512; 1024 for two registers of 512
+//   EVS_VECTOR_BITS  bits of a register: 128, 256 or 512; 1024 for two registers of 512; 32 for one
+//                    lane, which is scalar code
 //   EVS_NAMESPACE    the namespace of this instruction set
 //   EVS_INTRINSIC    the name of an intrinsic of x86 for registers of 128 or 256 bits
 //   EVS_NEON         1: registers of 128 bits, with the instructions of NEON

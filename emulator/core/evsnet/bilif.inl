@@ -47,57 +47,60 @@ void integrate_and_fire(BiLifJob& job) {
   const BiLif& unit = *job.unit;
   job.fired = 0;
   job.v_clamped = 0;
-  const Mask lanes = mask_from_bits(job.place.lanes());
-  alignas(64) float v_lanes[LANES];
-  alignas(64) int active_lanes[LANES];
-  int64_t last[LANES];
+  job.at_threshold = false;
+  alignas(64) float v_lanes[kLanes];
+  alignas(64) int active_lanes[kLanes];
+  int64_t last[kLanes];
   // load the state of the tile
   load_tile(v_lanes, job.v, job.place);
   load_tile(last, job.last, job.place);
-  for (int i = 0; i < LANES; i++) {
+  for (int i = 0; i < kLanes; i++) {
     // count from the first tick; older input has leaked away
     const int64_t relative = last[i] < job.tick - kFar ? -kFar : last[i] - job.tick;
     active_lanes[i] = static_cast<int>(relative > 0 ? 0 : relative);
   }
-  Float v = load(v_lanes);
-  Int last_active = load(active_lanes);
-
-  for (int t = 0; t < job.ticks; t++) {
-    const Float current = load(job.current + t * LANES);
-    // find the active lanes; a NaN is on neither side of 0
-    const Mask no_current = (current <= 0.0f) & (current >= 0.0f);
-    const Mask active = (~no_current | at_threshold(v, unit)) & lanes;
-    if (!any(active)) continue;
-    const Mask usable = (current <= 0.0f) | (current >= 0.0f);
-    // charge
-    const Float leaked = leak(v, splat(t) - last_active, active, unit);
-    const Float charged = leaked + select(usable, current, splat(0.0f));
-    const Float v_charged = min(max(charged, splat(-kLargestV)), splat(kLargestV));
-    job.v_clamped += __builtin_popcount(to_bits(active & (~usable | (abs(charged) > kLargestV))));
-    // fire
-    const Mask on = active & (v_charged >= unit.v_on);
-    const Mask off = active & (v_charged <= -unit.v_off);
-    const Float count = spikes(v_charged, on, off, unit);
-    // reset
-    const Float reset = select(on, v_charged - count * unit.v_on,
-                               select(off, v_charged + count * unit.v_off, v_charged));
-    v = select(active, reset, v);
-    last_active = select(active, splat(t), last_active);
-    // record the spikes
-    const unsigned fired_on = to_bits(on), fired_off = to_bits(off);
-    if ((fired_on | fired_off) == 0) continue;
-    job.fired |= 1u << t;
-    job.on[t] = static_cast<uint16_t>(fired_on);
-    job.off[t] = static_cast<uint16_t>(fired_off);
-    store(job.leaked + t * LANES, leaked);
-    store(job.count + t * LANES, count);
+  for (int first = 0; first < kLanes; first += LANES) {
+    const Mask lanes = mask_from_bits(job.place.lanes() >> first);
+    Float v = load(v_lanes + first);
+    Int last_active = load(active_lanes + first);
+    for (int t = 0; t < job.ticks; t++) {
+      const Float current = load(job.current + t * kLanes + first);
+      // find the active lanes; a NaN is on neither side of 0
+      const Mask no_current = (current <= 0.0f) & (current >= 0.0f);
+      const Mask active = (~no_current | at_threshold(v, unit)) & lanes;
+      if (!any(active)) continue;
+      const Mask usable = (current <= 0.0f) | (current >= 0.0f);
+      // charge
+      const Float leaked = leak(v, splat(t) - last_active, active, unit);
+      const Float charged = leaked + select(usable, current, splat(0.0f));
+      const Float v_charged = min(max(charged, splat(-kLargestV)), splat(kLargestV));
+      job.v_clamped += __builtin_popcount(to_bits(active & (~usable | (abs(charged) > kLargestV))));
+      // fire
+      const Mask on = active & (v_charged >= unit.v_on);
+      const Mask off = active & (v_charged <= -unit.v_off);
+      const Float count = spikes(v_charged, on, off, unit);
+      // reset
+      const Float reset = select(on, v_charged - count * unit.v_on,
+                                 select(off, v_charged + count * unit.v_off, v_charged));
+      v = select(active, reset, v);
+      last_active = select(active, splat(t), last_active);
+      // record the spikes
+      const unsigned fired_on = to_bits(on), fired_off = to_bits(off);
+      if ((fired_on | fired_off) == 0) continue;
+      if ((job.fired >> t & 1u) == 0) job.on[t] = job.off[t] = 0;
+      job.fired |= 1u << t;
+      job.on[t] = static_cast<uint16_t>(job.on[t] | fired_on << first);
+      job.off[t] = static_cast<uint16_t>(job.off[t] | fired_off << first);
+      store(job.leaked + t * kLanes + first, leaked);
+      store(job.count + t * kLanes + first, count);
+    }
+    if (any(at_threshold(v, unit) & lanes)) job.at_threshold = true;
+    store(v_lanes + first, v);
+    store(active_lanes + first, last_active);
   }
-  job.at_threshold = any(at_threshold(v, unit) & lanes);
 
   // store the state of the tile
-  store(v_lanes, v);
-  store(active_lanes, last_active);
-  for (int i = 0; i < LANES; i++) {
+  for (int i = 0; i < kLanes; i++) {
     if (active_lanes[i] >= 0) last[i] = job.tick + active_lanes[i];
   }
   store_tile(v_lanes, job.v, job.place);

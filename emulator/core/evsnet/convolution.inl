@@ -22,6 +22,15 @@ EVS_INLINE Wide wide_relu(Wide a) {
 }
 // register block: outputs times ticks, or more outputs where few ticks are left
 constexpr int OUTPUTS = 4, TICKS = 4, OUTPUTS_ALONE = 8;
+#elif EVS_VECTOR_BITS == 32
+using Wide = float;
+constexpr int OUTPUTS = 4, TICKS = 2, OUTPUTS_ALONE = 8;
+EVS_INLINE Wide wide(float a) { return a; }
+EVS_INLINE Wide wide_fma(Wide a, Wide b, Wide c) { return __builtin_fmaf(a, b, c); }
+EVS_INLINE Wide wide_relu(Wide a) {
+  a = a > 0.0f ? a : 0.0f;
+  return a < kLargest ? a : kLargest;
+}
 #else
 using Wide = FloatPart;
 // NEON has twice the registers of AVX2
@@ -68,13 +77,13 @@ struct Prefetcher {
 
   EVS_INLINE void lines(int count) {
     const int floats = job.network->fifo_floats();
-    for (int i = 0; i < count && pixel < LANES; i++) {
+    for (int i = 0; i < count && pixel < kLanes; i++) {
       __builtin_prefetch(job.next_fifo[pixel] + at, 1, 2);
       at += SLOT;
       if (at >= floats) at = 0, pixel++;
     }
   }
-  EVS_INLINE void rest() { lines(LANES * job.network->fifo_floats()); }
+  EVS_INLINE void rest() { lines(kLanes * job.network->fifo_floats()); }
 };
 
 struct Convolution {
@@ -139,7 +148,7 @@ EVS_INLINE void convolve_block(const Convolution& c, int o, int t, int lane) {
 template <int INPUTS, int N, int T>
 EVS_INLINE void convolve_lanes(const Convolution& c, int o, int t, Prefetcher& prefetcher) {
   prefetcher.lines(16);
-  for (int lane = 0; lane < LANES; lane += WIDE) convolve_block<INPUTS, N, T>(c, o, t, lane);
+  for (int lane = 0; lane < kLanes; lane += WIDE) convolve_block<INPUTS, N, T>(c, o, t, lane);
 }
 
 // N outputs in all ticks of the segment.

@@ -78,7 +78,7 @@ EVS_INLINE void transpose_16x16(const From& from, const To& to) {
 // The same for any number of rows and columns up to 16.
 template <class From, class To>
 EVS_INLINE void transpose(const From& from, const To& to, int rows, int columns) {
-  if (rows == LANES && columns == LANES) return transpose_16x16(from, to);
+  if (rows == kLanes && columns == kLanes) return transpose_16x16(from, to);
   for (int i = 0; i < rows; i++) {
     for (int k = 0; k < columns; k++) to(k)[i] = from(i)[k];
   }
@@ -87,9 +87,9 @@ EVS_INLINE void transpose(const From& from, const To& to, int rows, int columns)
 // Call move(first, count) for blocks of up to 16 of the floats [first, first + count) of the FIFOs.
 template <class Move>
 EVS_INLINE void for_each_block(int first, int count, const Move& move) {
-  if (count < LANES) return move(first, count);
-  for (int at = 0; at < count; at += LANES) {
-    move(first + (at + LANES <= count ? at : count - LANES), LANES);  // the last one may overlap
+  if (count < kLanes) return move(first, count);
+  for (int at = 0; at < count; at += kLanes) {
+    move(first + (at + kLanes <= count ? at : count - kLanes), kLanes);  // the last one may overlap
   }
 }
 
@@ -97,7 +97,7 @@ EVS_INLINE void for_each_block(int first, int count, const Move& move) {
 EVS_INLINE void load_fifos(const InferenceJob& job) {
   for_each_block(0, job.network->fifo_floats(), [&](int at, int count) {
     transpose([&](int i) { return job.fifo[i] + at; },
-              [&](int k) { return job.scratch + job.load_places[at + k]; }, LANES, count);
+              [&](int k) { return job.scratch + job.load_places[at + k]; }, kLanes, count);
   });
 }
 
@@ -106,7 +106,9 @@ EVS_INLINE void shift_fifos(const InferenceJob& job, int ticks) {
   const int features = job.network->features();
   for (int f = 0; f < features; f++) {
     float* slots = job.scratch + static_cast<size_t>(f) * FEATURE;
-    for (int j = 0; j < kFifoTicks; j++) store(slots + j * SLOT, load(slots + (ticks + j) * SLOT));
+    for (int at = 0; at < kFifoTicks * SLOT; at += LANES) {
+      store(slots + at, load(slots + ticks * SLOT + at));
+    }
   }
 }
 
@@ -115,7 +117,7 @@ EVS_INLINE void store_fifos(const InferenceJob& job, int ticks) {
   const float* scratch = job.scratch + ticks * SLOT;
   auto write = [&](int at, int count) {
     transpose([&](int k) { return scratch + job.store_places[at + k]; },
-              [&](int i) { return job.fifo[i] + at; }, count, LANES);
+              [&](int i) { return job.fifo[i] + at; }, count, kLanes);
   };
   const int features = job.network->features();
   if (job.ticks >= kFifoTicks) return for_each_block(0, kFifoTicks * features, write);
@@ -136,7 +138,7 @@ EVS_INLINE void infer_segment(const InferenceJob& job, int from, int ticks,
   if (from > 0) shift_fifos(job, kSegment);
   for (int t = 0; t < ticks; t++) {
     float* x = job.scratch + (kFifoTicks + t) * SLOT;
-    for (int i = 0; i < LANES; i++) x[i] = job.x[i][(from + t) * LANES];
+    for (int i = 0; i < kLanes; i++) x[i] = job.x[i][(from + t) * kLanes];
   }
   // encoder: h(0) = ReLU[Conv1d(X)]
   const float* weights = net.weights;
@@ -160,8 +162,8 @@ EVS_INLINE void infer_segment(const InferenceJob& job, int from, int ticks,
 
   // point-wise convolution: I
   const float* top = inputs_of(net.convolutions()) + kFifoTicks * SLOT;
-  alignas(64) float current[kSegment * LANES];
-  for (int at = 0; at < ticks * LANES; at += WIDE) {
+  alignas(64) float current[kSegment * kLanes];
+  for (int at = 0; at < ticks * kLanes; at += WIDE) {
     Wide sum = wide(net.pointwise_bias);
     for (int c = 0; c < channels; c++) {
       sum = wide_fma(wide(net.pointwise[c]), wide_load(top + c * FEATURE + at), sum);
@@ -169,8 +171,8 @@ EVS_INLINE void infer_segment(const InferenceJob& job, int from, int ticks,
     wide_store(current + at, sum);
   }
   // write I to each pixel
-  for (int i = 0; i < LANES; i++) {
-    for (int t = 0; t < ticks; t++) job.current[i][(from + t) * LANES] = current[t * LANES + i];
+  for (int i = 0; i < kLanes; i++) {
+    for (int t = 0; t < ticks; t++) job.current[i][(from + t) * kLanes] = current[t * kLanes + i];
   }
 }
 

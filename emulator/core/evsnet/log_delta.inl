@@ -17,7 +17,7 @@ EVS_INLINE unsigned changed_lanes(Int now, Int before, Int limit) {
 // Mark the ticks in which a tile of this row of tiles changes.
 void find_changes(const LogDeltaJob& job, size_t pixel, size_t width, int rows, uint32_t* ticks) {
   const Int limit = splat(static_cast<int>(job.unusable_from));
-  const size_t whole = width / LANES * LANES;
+  const size_t whole = LANES < kTileSide ? 0 : width / LANES * LANES;
   for (int t = 0; t < job.ticks; t++) {
     const float* frame = job.luminance + static_cast<size_t>(t) * job.frame + pixel;
     const float* before = t == 0 ? job.last_luminance + pixel : frame - job.frame;
@@ -51,9 +51,9 @@ void find_changes(const LogDeltaJob& job, size_t pixel, size_t width, int rows, 
 // X of a tile in each tick of the chunk.
 uint32_t log_delta(const LogDeltaJob& job, const TilePlace& place, uint32_t changed, float* x,
                    int64_t* moved, LogDeltaCounts& counts) {
-  alignas(64) float now[kChunk * LANES], dn[kChunk * LANES], part[kChunk * LANES];
-  alignas(64) float luminance[LANES], log[LANES];
-  alignas(64) int last[LANES];
+  alignas(64) float now[kChunk * kLanes], dn[kChunk * kLanes], part[kChunk * kLanes];
+  alignas(64) float luminance[kLanes], log[kLanes];
+  alignas(64) int last[kLanes];
   // load the state of the tile
   load_tile(luminance, job.last_luminance, place);
   load_tile(log, job.last_log, place);
@@ -63,52 +63,54 @@ uint32_t log_delta(const LogDeltaJob& job, const TilePlace& place, uint32_t chan
   int count = 0;
   for (uint32_t left = changed; left != 0; left &= left - 1) {
     const size_t t = static_cast<size_t>(__builtin_ctz(left));
-    load_tile(now + LANES * count++, job.luminance + t * job.frame, place);
+    load_tile(now + kLanes * count++, job.luminance + t * job.frame, place);
   }
-  for (int at = 0; at < count * LANES; at += LANES) {
-    for (int i = at; i < at + LANES; i++) dn[i] = to_dn(map, now[i]);
-    for (int i = at; i < at + LANES; i++) part[i] = log_part<LogKind::linlog>(map, dn[i]);
+  for (int at = 0; at < count * kLanes; at += kLanes) {
+    for (int i = at; i < at + kLanes; i++) dn[i] = to_dn(map, now[i]);
+    for (int i = at; i < at + kLanes; i++) part[i] = log_part<LogKind::linlog>(map, dn[i]);
   }
 
-  const Mask inside = mask_from_bits(place.lanes());
-  Float last_luminance = load(luminance), last_log = load(log);
-  Int last_moved = splat(-1);
   uint32_t moved_ticks = 0;
-  int at = 0;
-  for (int t = 0; t < job.ticks; t++) {
-    float* out = x + t * LANES;
-    if ((changed >> t & 1u) == 0) {
-      store(out, splat(0.0f));
-      continue;
+  for (int first = 0; first < kLanes; first += LANES) {
+    const Mask inside = mask_from_bits(place.lanes() >> first);
+    Float last_luminance = load(luminance + first), last_log = load(log + first);
+    Int last_moved = splat(-1);
+    int at = first;
+    for (int t = 0; t < job.ticks; t++) {
+      float* out = x + t * kLanes + first;
+      if ((changed >> t & 1u) == 0) {
+        store(out, splat(0.0f));
+        continue;
+      }
+      // map to log intensity, as is_usable and with_log_part; unusable light keeps the last one
+      const Float l_now = load(now + at), dn_now = load(dn + at);
+      const Mask usable = (l_now > -kBlack) & (dn_now <= kLargest);
+      const Float below = min(dn_now * splat(map.slope), splat(map.ln_knee));
+      const Float log_now = select(dn_now >= map.knee, load(part + at), below);
+      const Float new_log = select(usable, log_now, last_log);
+      // difference and clamp; the first light only sets L_log
+      const Mask known = (last_log <= 0.0f) | (last_log >= 0.0f);
+      const Float delta = select(known & inside, new_log - last_log, splat(0.0f));
+      const Float clamped = min(max(delta, splat(-kLargestX)), splat(kLargestX));
+      const Mask nonzero = ~((clamped <= 0.0f) & (clamped >= 0.0f));
+      const Mask unclamped = (clamped <= delta) & (delta <= clamped);
+      store(out, clamped);
+      last_log = new_log;
+      last_luminance = select(usable, l_now, last_luminance);
+      last_moved = select(nonzero, splat(t), last_moved);
+      moved_ticks |= (any(nonzero) ? 1u : 0u) << t;
+      counts.x_clamped += __builtin_popcount(to_bits(~unclamped));
+      counts.clamped += __builtin_popcount(to_bits(~usable & inside));
+      at += kLanes;
     }
-    // map to log intensity, as is_usable and with_log_part; unusable light keeps the last one
-    const Float l_now = load(now + at), dn_now = load(dn + at);
-    const Mask usable = (l_now > -kBlack) & (dn_now <= kLargest);
-    const Float below = min(dn_now * splat(map.slope), splat(map.ln_knee));
-    const Float log_now = select(dn_now >= map.knee, load(part + at), below);
-    const Float new_log = select(usable, log_now, last_log);
-    // difference and clamp; the first light only sets L_log
-    const Mask known = (last_log <= 0.0f) | (last_log >= 0.0f);
-    const Float delta = select(known & inside, new_log - last_log, splat(0.0f));
-    const Float clamped = min(max(delta, splat(-kLargestX)), splat(kLargestX));
-    const Mask nonzero = ~((clamped <= 0.0f) & (clamped >= 0.0f));
-    const Mask unclamped = (clamped <= delta) & (delta <= clamped);
-    store(out, clamped);
-    last_log = new_log;
-    last_luminance = select(usable, l_now, last_luminance);
-    last_moved = select(nonzero, splat(t), last_moved);
-    moved_ticks |= (any(nonzero) ? 1u : 0u) << t;
-    counts.x_clamped += __builtin_popcount(to_bits(~unclamped));
-    counts.clamped += __builtin_popcount(to_bits(~usable & inside));
-    at += LANES;
+    store(luminance + first, last_luminance);
+    store(log + first, last_log);
+    store(last + first, last_moved);
   }
   // store the state of the tile
-  store(luminance, last_luminance);
-  store(log, last_log);
-  store(last, last_moved);
   store_tile(luminance, job.last_luminance, place);
   store_tile(log, job.last_log, place);
-  for (int i = 0; i < LANES; i++) {
+  for (int i = 0; i < kLanes; i++) {
     if (last[i] >= 0) moved[i] = job.tick + last[i];
   }
   return moved_ticks;

@@ -26,6 +26,9 @@ const NetworkKernel* network_kernel_of(const std::string& isa) {
 #if EVS_BUILT_PORTABLE
   if (wanted == "portable") return &NETWORK_PORTABLE;
 #endif
+#if EVS_BUILT_ONE_LANE
+  if (wanted == "one_lane") return &NETWORK_ONE_LANE;
+#endif
   throw std::logic_error("no kernel for instruction set '" + wanted + "'");
 }
 

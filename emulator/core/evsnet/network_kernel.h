@@ -163,5 +163,6 @@ extern const NetworkKernel NETWORK_AVX512;
 extern const NetworkKernel NETWORK_AVX2;
 extern const NetworkKernel NETWORK_NEON;
 extern const NetworkKernel NETWORK_PORTABLE;
+extern const NetworkKernel NETWORK_ONE_LANE;
 
 }  // namespace evs

@@ -18,7 +18,7 @@ EVS_INLINE void load_tile(T* lanes, const T* image, const TilePlace& place) {
     }
     return;
   }
-  for (int i = 0; i < LANES; i++) {
+  for (int i = 0; i < kLanes; i++) {
     const int row = i / kTileSide < place.rows ? i / kTileSide : place.rows - 1;
     const int column = i % kTileSide < place.columns ? i % kTileSide : place.columns - 1;
     lanes[i] = from[static_cast<size_t>(row) * place.width + static_cast<size_t>(column)];

@@ -49,7 +49,7 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
                const std::string& isa, const Caster* before)
     : kernel_(kernel_of(isa)),
       pool_(before ? before->pool_ : std::make_shared<ThreadPool>(threads)),
-      incremental_(tracing.incremental),
+      incremental_(tracing.incremental && kernel_->find_dirty_packets),
       forced_(tracing.forced),
       mesh_data_(scene.meshes),
       appearance_(make_appearance(scene, tracing.rgb || tracing.hybrid || tracing.forced.on(COLOUR),

@@ -34,7 +34,8 @@ struct Tracing {
   int samples = 1;           // per pixel
   bool adaptive = false;     // all samples only at edges; elsewhere one, or a quarter (path)
   bool shadows = true;       // direct
-  bool incremental = false;  // under a still camera reuse what nothing that moved can affect
+  bool incremental = false;  // under a still camera reuse what nothing that moved can affect,
+                             // where the kernel can tell
   bool rgb = false;          // `render` can output colour
   bool path = false;
   bool hybrid = false;  // neither: direct

@@ -25,6 +25,9 @@ const Kernel* kernel_of(const std::string& isa) {
 #if EVS_BUILT_PORTABLE
   if (wanted == "portable") return &KERNEL_PORTABLE;
 #endif
+#if EVS_BUILT_ONE_LANE
+  if (wanted == "one_lane") return &KERNEL_ONE_LANE;
+#endif
   throw std::logic_error("no kernel for instruction set '" + wanted + "'");
 }
 

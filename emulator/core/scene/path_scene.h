@@ -95,10 +95,15 @@ struct PathCacheView {
   bool trace_all;         // every unit is dirty
 };
 
+// Samples of a batch; fewer where each of many threads has a batch of its own.
+#ifndef EVS_BATCH_ROOM
+#define EVS_BATCH_ROOM 2048
+#endif
+
 // Samples that are traced together; after each bounce the paths that continue are compacted into
 // full packets. The margin of one packet also keeps the arrays in different cache sets.
 struct PathBatch {
-  static constexpr int ROOM = 2048, MARGIN = 32, WORDS = 20;
+  static constexpr int ROOM = EVS_BATCH_ROOM, MARGIN = ROOM < 32 ? ROOM : 32, WORDS = 20;
   alignas(64) float light[3][ROOM + MARGIN];
   float hit_distance[ROOM + MARGIN];  // of the first hit
   float direction[3][ROOM + MARGIN];  // of the camera ray; where there is haze

@@ -398,7 +398,7 @@ struct Kernel {
   void (*probe_light_pdf)(const Frame&, const PathFrame&, const float* point, ProbeLanes&);
 };
 
-extern const Kernel KERNEL_PORTABLE, KERNEL_NEON, KERNEL_AVX2, KERNEL_AVX512;
+extern const Kernel KERNEL_PORTABLE, KERNEL_NEON, KERNEL_AVX2, KERNEL_AVX512, KERNEL_ONE_LANE;
 // Entry points in 32 lanes.
 void trace_hybrid_pair_avx512(const Frame&, const PathFrame&, const IrradianceView&, NodeRequests&,
                               int column, int row, const Outputs&);

@@ -20,7 +20,7 @@ namespace evs {
 // differs.
 using StepPixels = size_t (*)(const PixelStep&, size_t first, size_t last, std::vector<Crossing>&);
 
-#if EVS_BUILT_PORTABLE || EVS_BUILT_NEON
+#if EVS_BUILT_PORTABLE || EVS_BUILT_NEON || EVS_BUILT_ONE_LANE
 inline size_t step_portable(const PixelStep& step, size_t first, size_t last,
                             std::vector<Crossing>& out) {
   return step_pixels(step, first, last, out);
@@ -61,6 +61,10 @@ inline StepPixels choose_step(const std::string& isa) {
 #endif
 #if EVS_BUILT_PORTABLE
   if (wanted == "portable") return step_portable;
+#endif
+#if EVS_BUILT_ONE_LANE
+  // the source has no lanes
+  if (wanted == "one_lane") return step_portable;
 #endif
   throw std::logic_error("no pixels for instruction set '" + wanted + "'");
 }

@@ -206,6 +206,7 @@ void pool_runs_each_job_once() {
 }  // namespace evs
 
 int main() {
+  evs::lanes_depend_on_themselves_alone();
   evs::pool_runs_each_job_once();
   evs::degenerate_meshes();
   evs::Tracing direct, path;

@@ -33,6 +33,9 @@ ForcedFeatures as_with_many();
 // Its geoms at random places within `scale` of the origin.
 Stage stage_of(const SceneData& s, std::mt19937& random, double scale);
 
+// Each operation of the wide code gives a lane what it gives one lane alone.
+void lanes_depend_on_themselves_alone();
+
 // The render path allocates nothing after its first tick.
 void ticks_allocate_nothing();
 

@@ -28,8 +28,9 @@ EVS_INLINE Vec through_lens(const Frame& f, Float px, Float py) {
   return normalize(top + (bottom - top) * v);
 }
 
-// With 16 lanes a packet is 4 x 4 pixels; with 32 lanes two packets lie side by side.
-constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT, PACKETS = LANES / PACKET;
+// With 16 lanes a packet is 4 x 4 pixels; with 32 lanes two packets lie side by side. One lane goes
+// pixel by pixel (simd/one_lane.inl) and calls nothing that takes a packet.
+constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT, PACKETS = LANES < PACKET ? 1 : LANES / PACKET;
 struct PixelOfLane {
   float column[LANES], row[LANES];
   constexpr PixelOfLane() : column(), row() {

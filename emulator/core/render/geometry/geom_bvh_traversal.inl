@@ -48,7 +48,13 @@ inline void find_geoms(const GeomBvh& bvh, const RayCone& cone, GeomSet& found) 
   if constexpr (LANES > GeomBvh::WIDTH) return find_geoms_avx512(bvh, cone, found);
   constexpr int WIDTH = GeomBvh::WIDTH;
   BoxTest test = box_test(cone);
-  auto touched = [&](int level, int k) { return touched_boxes(bvh.boxes[level], k, test); };
+  auto touched = [&](int level, int k) {
+    unsigned boxes = 0;
+    for (int i = 0; i < WIDTH; i += LANES) {
+      boxes |= touched_boxes(bvh.boxes[level], k + i, test) << i;
+    }
+    return boxes;
+  };
   for (int k = 0; k < bvh.top; k += WIDTH) {
     for (unsigned upper = touched(2, k); upper; upper &= upper - 1) {
       int i = (k + first_lane(upper)) * WIDTH;

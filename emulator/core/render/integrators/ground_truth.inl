@@ -27,12 +27,10 @@ inline Vec shading_normal(const Frame& f, const Rays& rays, const Hit& hit, unsi
   return face_forward(normal, rays.direction);
 }
 
-// In: packet (column, row) of `f`. Out: its pixels of `out`.
-void trace_truth(const Frame& f, int column, int row, const Truth& out) {
-  // intersect the ray through each pixel's centre
-  const RayCone& cone = f.primary[row * f.packet_columns + column];
-  Rays rays = primary_rays(f, column, row, 0.5f, 0.5f);
-  Hit hit = intersect(f, rays, cone, mask_from_bits(ALL_LANES), splat(0.0f));
+// Write the first hits of a packet whose upper left pixel is (x, y), as far as it has `columns` and
+// `rows`.
+inline void write_truth(const Frame& f, const Rays& rays, const Hit& hit, int x, int y, int columns,
+                        int rows, const Truth& out) {
   // position and normal of the hits
   Mask missed = hit.geom < splat(0);
   Vec point = rays.origin + rays.direction * hit.distance, zero = splat(V3{0, 0, 0});
@@ -47,10 +45,7 @@ void trace_truth(const Frame& f, int column, int row, const Truth& out) {
   store(v, hit.v);
   store(geom, hit.geom);
   store(triangle, hit.triangle);
-  // write the pixels that lie in the image
-  int x = column * PACKET_WIDTH, y = row * PACKET_HEIGHT;
-  int columns = f.width - x < PACKET_WIDTH ? f.width - x : PACKET_WIDTH;
-  int rows = f.height - y < PACKET_HEIGHT ? f.height - y : PACKET_HEIGHT;
+  // write the pixels
   for (int j = 0; j < rows; j++) {
     for (int i = 0; i < columns; i++) {
       int l = j * PACKET_WIDTH + i;
@@ -68,6 +63,19 @@ void trace_truth(const Frame& f, int column, int row, const Truth& out) {
       }
     }
   }
+}
+
+// In: packet (column, row) of `f`. Out: its pixels of `out`.
+inline void trace_truth(const Frame& f, int column, int row, const Truth& out) {
+  // intersect the ray through each pixel's centre
+  const RayCone& cone = f.primary[row * f.packet_columns + column];
+  Rays rays = primary_rays(f, column, row, 0.5f, 0.5f);
+  Hit hit = intersect(f, rays, cone, mask_from_bits(ALL_LANES), splat(0.0f));
+  // write the pixels that lie in the image
+  int x = column * PACKET_WIDTH, y = row * PACKET_HEIGHT;
+  int columns = f.width - x < PACKET_WIDTH ? f.width - x : PACKET_WIDTH;
+  int rows = f.height - y < PACKET_HEIGHT ? f.height - y : PACKET_HEIGHT;
+  write_truth(f, rays, hit, x, y, columns, rows, out);
 }
 
 }  // namespace

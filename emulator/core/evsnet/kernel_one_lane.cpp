@@ -1,0 +1,5 @@
+// The kernels of EvSNet of one lane, for tests (EVS_ISA=one_lane).
+#define EVS_VECTOR_BITS 32
+#define EVS_NAMESPACE network_one_lane
+#define EVS_KERNEL NETWORK_ONE_LANE
+#include "kernel.inl"

@@ -1,0 +1,16 @@
+// What NVRTC lacks of g++'s language, for the wide code with one lane: a thread is a lane.
+#pragma once
+
+#define __asm__ asm
+#define __builtin_sqrtf(x) sqrtf(x)
+#define __builtin_fabsf(x) fabsf(x)
+#define __builtin_inff() __int_as_float(0x7f800000)
+#define __builtin_ctz(x) (__ffs(static_cast<int>(x)) - 1)
+#define __builtin_ctzll(x) (__ffsll(static_cast<long long>(x)) - 1)
+#define __builtin_popcount(x) __popc(x)
+#define __builtin_memcpy(to, from, size) memcpy(to, from, size)
+#define __builtin_prefetch(...) static_cast<void>(0)
+
+#define EVS_VECTOR_BITS 32
+#define EVS_NAMESPACE cuda
+#define EVS_INLINE __forceinline__
