@@ -28,6 +28,7 @@ from evs.launch import main as program
 from evs.msgs import EventPacket, Events, EvsError, Frame, Pose, StreamInfo, make_events
 from evs.msgs.codecs import PayloadReader
 from evs.msgs.pictures import OFF_RGB, ON_RGB, PAPER
+from tests.support.full_disk import fill
 
 pytest.importorskip("foxglove", reason="the extra `foxglove` is not installed")
 mcap_reader = pytest.importorskip("mcap.reader")
@@ -487,44 +488,10 @@ def test_a_client_that_reads_nothing_does_not_hold_the_end() -> None:
     deaf.link.socket.close()
 
 
-FULL = """
-import resource, sys
-from evs.drivers.sink import SinkStoppedError
-from evs.drivers.viewer import FoxgloveSink
-from evs.msgs import EventPacket, StreamInfo, make_events
-import numpy as np
-
-# a file size limit is what a full disk is to a process
-resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
-sink = FoxgloveSink(mcap=sys.argv[1])
-sink.open([StreamInfo(346, 260, camera="eye")])
-random = np.random.default_rng(0)
-try:
-    for k in range(20_000):
-        x = random.integers(0, 260, 200)
-        events = make_events(np.full(200, 20_000 * k + 1), x, x[::-1], x % 2)
-        sink.write(EventPacket(k, 20_000 * k, 20_000 * k + 20_000, 346, 260, events, "eye"))
-except SinkStoppedError as error:
-    assert sink.close()["error"] == str(error), sink.close()
-    print(error)
-"""
-
-
 def test_a_full_disk_stops_the_file_and_what_came_before_is_read(tmp_path: Path) -> None:
     file = tmp_path / "a.mcap"
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
-    environment = {**os.environ, "PYTHONPATH": search, "PYTHONDONTWRITEBYTECODE": "1"}
-    done = subprocess.run(
-        [sys.executable, "-c", FULL, str(file)],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.startswith(f"writing {file} stopped: File too large; the file holds what")
-    assert file.stat().st_size == 300_000
+    said = fill("FoxgloveSink", "mcap", file)
+    assert said.startswith(f"writing {file} stopped: File too large; the file holds what")
     read_before = 0
     with file.open("rb") as data, suppress(mcap_errors.McapError):
         for _ in mcap_reader.NonSeekingReader(data).iter_messages(log_time_order=False):

@@ -27,6 +27,7 @@ from evs.launch import main as program
 from evs.launch.support import live_view
 from evs.msgs import EventPacket, EvsError, Frame, Pose, StreamInfo, make_events
 from evs.msgs.pictures import OFF_RGB, ON_RGB
+from tests.support.full_disk import fill
 
 pytest.importorskip("rerun", reason="the extra `view` is not installed")
 
@@ -385,44 +386,10 @@ def test_the_sink_thins_out_and_takes_nothing_else(tmp_path: Path) -> None:
     assert rows(tmp_path, tmp_path / "a.rrd")["eye/luminance Image"] == 2
 
 
-FULL = """
-import resource, sys
-from evs.drivers.sink import SinkStoppedError
-from evs.drivers.viewer import ViewSink
-from evs.msgs import EventPacket, StreamInfo, make_events
-import numpy as np
-
-# a file size limit is what a full disk is to a process
-resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
-sink = ViewSink(sys.argv[1])
-sink.open([StreamInfo(346, 260, camera="eye")])
-random = np.random.default_rng(0)
-try:
-    for k in range(20_000):
-        x = random.integers(0, 260, 200)
-        events = make_events(np.full(200, 20_000 * k + 1), x, x[::-1], x % 2)
-        sink.write(EventPacket(k, 20_000 * k, 20_000 * k + 20_000, 346, 260, events, "eye"))
-except SinkStoppedError as error:
-    assert sink.close()["error"] == str(error), sink.close()
-    print(error)
-"""
-
-
 def test_a_full_disk_stops_the_file_and_rerun_shows_what_came_before(tmp_path: Path) -> None:
     file = tmp_path / "a.rrd"
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
-    environment = {**os.environ, "PYTHONPATH": search, "PYTHONDONTWRITEBYTECODE": "1"}
-    done = subprocess.run(
-        [sys.executable, "-c", FULL, str(file)],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.startswith(f"writing {file} stopped: File too large; Rerun shows what")
-    assert file.stat().st_size == 300_000
+    said = fill("ViewSink", "file", file)
+    assert said.startswith(f"writing {file} stopped: File too large; Rerun shows what")
     assert rows(tmp_path, file, whole=False)["eye/events SegmentationImage"] >= 1
 
 
