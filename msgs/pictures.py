@@ -8,6 +8,7 @@ cameras by `html_card`.
 from __future__ import annotations
 
 import html
+import math
 import struct
 import zlib
 from base64 import b64encode
@@ -77,6 +78,28 @@ def to_srgb8(luminance: npt.NDArray[np.float32], exposure: float) -> U8:
     light = np.clip(np.nan_to_num(scaled, nan=0.0, posinf=1.0, neginf=0.0), 0.0, 1.0)
     coded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
     return np.rint(255.0 * coded).astype(np.uint8)
+
+
+class SteadyExposure:
+    """One exposure for the pictures of a camera: that of the brightest so far."""
+
+    def __init__(self) -> None:
+        """Start without a picture."""
+        self._factor = math.inf
+
+    def code(self, luminance: npt.NDArray[np.float32]) -> U8:
+        """Code the next picture.
+
+        Args:
+            luminance: (h, w) linear, in one unit; as of `to_srgb8`.
+
+        Returns:
+            (h, w) uint8.
+        """
+        # one without light says nothing about the next
+        if (luminance > 0).any():
+            self._factor = min(self._factor, exposure_for(luminance))
+        return to_srgb8(luminance, 1.0 if math.isinf(self._factor) else self._factor)
 
 
 def event_frame(events: Events, width: int, height: int, background: U8 | None = None) -> U8:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -27,6 +26,7 @@ from evs.msgs import (
     encode_status,
 )
 from evs.msgs.header_fields import check_name
+from evs.msgs.pictures import SteadyExposure
 from evs.msgs.state import State
 from evs.msgs.status import MAX_CAMERAS
 
@@ -54,7 +54,7 @@ class Channel:
     """seq of the last picture of the light"""
     light_due_s: float = 0.0
     """when the next one is due at the earliest, by the wall clock"""
-    exposure: float = math.inf
+    exposure: SteadyExposure = field(default_factory=SteadyExposure)
     """of these pictures"""
 
     def status(self, cameras: tuple[str, ...], *, end: bool) -> Status:

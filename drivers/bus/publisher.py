@@ -48,7 +48,6 @@ from evs.msgs import (
     unknown,
 )
 from evs.msgs.packet import MAX_FRAME_BYTES
-from evs.msgs.pictures import exposure_for, to_srgb8
 from evs.msgs.status import STATUS_PERIOD_US
 
 LINGER_S = 2.0
@@ -281,9 +280,8 @@ class Publisher(Sink):
         """
         server, channel = self._channel(camera)
         channel.light_due_s = monotonic_s() + LIGHT_PERIOD_S
-        channel.exposure = min(channel.exposure, exposure_for(luminance))
         seq = channel.light_seq = channel.light_seq + 1
-        picture = Frame(seq, t_us, t_us, t_us, t_us, to_srgb8(luminance, channel.exposure), camera)
+        picture = Frame(seq, t_us, t_us, t_us, t_us, channel.exposure.code(luminance), camera)
         if picture.pixels.nbytes <= MAX_FRAME_BYTES:
             self._send(server, channel, LIGHT, *encode_frame(picture))
 

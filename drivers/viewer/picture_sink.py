@@ -12,6 +12,7 @@ import numpy.typing as npt
 from evs.drivers.sink import Sink, SinkStoppedError, Stream
 from evs.drivers.viewer.windows import WindowBuilder
 from evs.msgs import EventPacket, EvsError, Frame, Pose, StreamInfo, unknown
+from evs.msgs.pictures import SteadyExposure
 
 if TYPE_CHECKING:
     from evs.drivers.viewer.windows import Window
@@ -71,7 +72,7 @@ class PictureSink(Sink):
         self._drawing: Drawing | None = None
         self._builders: dict[str, WindowBuilder] = {}
         self._due_us: dict[tuple[str, str], int] = {}
-        self._white: dict[str, float] = {}
+        self._exposures: dict[str, SteadyExposure] = {}
         self._counts: dict[str, Any] = {"windows": 0, "events": 0, "frames": 0, "error": ""}
 
     @abstractmethod
@@ -117,13 +118,9 @@ class PictureSink(Sink):
         return self._wants(Stream.LIGHT, camera) and self._is_due("luminance", camera, t_us)
 
     def write_light(self, camera: str, t_us: int, luminance: F32) -> None:
-        """Draw the light; the brightest seen so far of the camera is white, and 0 is black."""
-        white = max(self._white.get(camera, 0.0), float(np.nanmax(luminance, initial=0.0)))
-        self._white[camera] = white
-        # the square root is how pictures are coded, nearly
-        share = np.sqrt(np.clip(np.nan_to_num(luminance) / (white or 1.0), 0.0, 1.0))
-        picture = np.rint(255.0 * share).astype(np.uint8)
-        self._opened().luminance(camera, t_us, picture)
+        """Draw the light, at one exposure for a camera, that of its brightest picture so far."""
+        exposure = self._exposures.setdefault(camera, SteadyExposure())
+        self._opened().luminance(camera, t_us, exposure.code(luminance))
 
     def wants_pose(self, camera: str) -> bool:
         """Return True for a camera of this view; `write_pose` draws a pose only when one is due."""

@@ -6,7 +6,14 @@ import pytest
 from evs.drivers.pictures import count_polarities, events_between, upscale
 from evs.drivers.pictures.frame import whole_factor
 from evs.msgs import EvsError, empty_events, make_events
-from evs.msgs.pictures import OFF_RGB, ON_RGB, event_frame, exposure_for, to_srgb8
+from evs.msgs.pictures import (
+    OFF_RGB,
+    ON_RGB,
+    SteadyExposure,
+    event_frame,
+    exposure_for,
+    to_srgb8,
+)
 
 
 def test_an_on_event_colours_exactly_its_pixel() -> None:
@@ -155,3 +162,17 @@ def test_both_polarities_stand_out_from_every_grey(eye: str, colour: tuple[int, 
         float(np.linalg.norm(dot - _lab((grey,) * 3, BLINDNESS[eye]))) for grey in range(256)
     )
     assert nearest > 25
+
+
+def test_one_exposure_holds_for_a_stream() -> None:
+    exposure = SteadyExposure()
+    black, dim = np.zeros((4, 4), np.float32), np.full((4, 4), 1e-3, np.float32)
+    assert exposure.code(black).max() == 0
+    # whatever was black before
+    shown = exposure.code(dim)
+    assert (shown == to_srgb8(dim, exposure_for(dim))).all()
+    bright = exposure.code(4 * dim)
+    assert (bright == shown).all()
+    # darker than at first, and it stays so
+    assert (exposure.code(dim) < shown).all()
+    assert (exposure.code(black) == 0).all()
