@@ -14,17 +14,23 @@ for tool in aarch64-linux-gnu-g++ qemu-aarch64; do
     }
 done
 
-# build FOLDER OPTIONS...
+programs=workload
+[ "${1:-}" = count ] || programs='workload selftest'
+
+# build FOLDER PROGRAMS OPTIONS...
 build() {
     folder=build/neon/$1
-    shift
+    wanted=$2
+    shift 2
     .venv/bin/cmake -S emulator/core -B "$folder" -G Ninja --log-level=WARNING \
         -DCMAKE_MAKE_PROGRAM="$(pwd)/.venv/bin/ninja" -DEVS_STANDALONE=ON "$@" >/dev/null
-    .venv/bin/ninja -C "$folder" --quiet
+    # shellcheck disable=SC2086 # a list of programs
+    .venv/bin/ninja -C "$folder" --quiet $wanted
 }
-# the portable path here; that it gives the bytes of AVX-512 and AVX2 is what other tests are for
-build here -DEVS_ISA=portable
-build arm -DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=aarch64 \
+# here the objects of `make dev`, of which the portable path runs; that it gives the bytes of AVX-512
+# and AVX2 is what other tests are for
+build here workload -DEVS_ISA=all -DEVS_OBJECTS="$(pwd)/build/native"
+build arm "$programs" -DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=aarch64 \
     -DCMAKE_CXX_COMPILER=aarch64-linux-gnu-g++ -DEVS_WERROR=ON
 c++ -O2 -shared -fPIC -o build/neon/instructions.so emulator/core/tests/workload/instructions.cpp
 

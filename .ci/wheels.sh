@@ -4,7 +4,7 @@
 #   sh .ci/wheels.sh [TARGET...]     everything but `one` by default
 #       native    for this machine's processor: CPython 3.11, and one for 3.12 and every later version
 #       aarch64   the same, compiled on x86-64, and run in an emulator
-#       macos     no wheel: compiles and links the core for Macs with Apple silicon
+#       macos     no wheel: compiles and links the core for Macs with Apple silicon, and audits the module
 #       one       one of `native` only: a stage of `make check`
 #
 # A wheel loads on every Linux with glibc 2.17 or newer. The objects are those of build/native, which
@@ -221,18 +221,20 @@ run_emulated() {
     say "$wheel has the golden bytes on $(emulated --version) in an emulator"
 }
 
-# Apple's compiler is not here: zig, which carries the headers of macOS, shows that the core compiles
+# Apple's compiler is not here: zig, which has the headers and the list of symbols of macOS, compiles and
+# links the module of the wheel for 3.12 and later
 macos() {
     mac=$home/macos
     python=$(find_python 3.12)
-    [ -n "$python" ] || python=$(find_python 3.11)
-    environment=$(builder cross "$python")
-    if [ ! -f "$mac/build.ninja" ]; then
-        PATH="$environment/bin:$PATH" EVS_ZIG="$home/tools/bin/python" "$environment/bin/cmake" -S emulator/core \
-            -B "$mac" -G Ninja --log-level=WARNING -DCMAKE_TOOLCHAIN_FILE="$checkout/.ci/macos.cmake" \
-            -DPython_EXECUTABLE="$environment/bin/python" >/dev/null
-    fi
+    [ -n "$python" ] || missing "no Python 3.12 to link a module for"
+    environment=$(builder 3.12 "$python")
+    PATH="$environment/bin:$PATH" EVS_ZIG="$home/tools/bin/python" "$environment/bin/cmake" -S emulator/core \
+        -B "$mac" -G Ninja --log-level=WARNING -DCMAKE_TOOLCHAIN_FILE="$checkout/.ci/macos.cmake" \
+        -DPython_EXECUTABLE="$environment/bin/python" -DSKBUILD_SABI_VERSION=3.12 -DEVS_WERROR=ON >/dev/null
     "$environment/bin/ninja" -C "$mac" --quiet
+    "$home/tools/bin/python" .ci/audit_macho.py "$mac/_core.abi3.so" \
+        "$("$environment/bin/python" -m nanobind --cmake_dir)/darwin-ld-cpython.sym" >&2
+    "$home/tools/bin/abi3audit" --strict --summary --assume-minimum-abi3 3.12 "$mac/_core.abi3.so" >&2
     say "macOS on Apple silicon: the core compiles and links"
 }
 

@@ -209,7 +209,7 @@ EVS_ALWAYS_INLINE uint64_t use_up_budgets(const PixelStep& step, size_t first, s
     b.inverse[0][i] = std::sqrt(precision / unknown0);
     b.inverse[1][i] = std::sqrt(precision * unknown1);
     b.farthest[i] = farthest_level(memory0);
-    b.relaxes[i] = (memory0 > kept) & (decay > 0.1f) ? 1u : 0u;
+    b.relaxes[i] = ((memory0 > kept) & (decay > 0.1f)) ? 1u : 0u;
   }
   for (size_t i = 0; i < count; i++) {
     const double r = reference[i];
