@@ -51,9 +51,10 @@ def compiled(kernel: str, target: str, options: tuple[str, ...] = SAME_BYTES) ->
         program, len(arguments), [argument.encode() for argument in arguments]
     )
     _, size = nvrtc.nvrtcGetProgramLogSize(program)
-    log = b" " * size
-    nvrtc.nvrtcGetProgramLog(program, log)
+    # new bytes: NVRTC writes into them, and `b" " * 1` is the one that all of Python shares
+    log = bytes(size)
     if size > 1:
+        nvrtc.nvrtcGetProgramLog(program, log)
         print(log.rstrip(b"\0").decode(), file=sys.stderr)
     if error != nvrtc.nvrtcResult.NVRTC_SUCCESS:
         raise SystemExit(f"{kernel}.cu does not compile: {error}")
@@ -61,7 +62,7 @@ def compiled(kernel: str, target: str, options: tuple[str, ...] = SAME_BYTES) ->
     size_of = nvrtc.nvrtcGetCUBINSize if machine_code else nvrtc.nvrtcGetPTXSize
     get = nvrtc.nvrtcGetCUBIN if machine_code else nvrtc.nvrtcGetPTX
     _, size = size_of(program)
-    code = b" " * size
+    code = bytes(size)
     get(program, code)
     return code if machine_code else code.rstrip(b"\0")
 
