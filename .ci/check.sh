@@ -1,6 +1,6 @@
 #!/bin/sh
-# Everything that a change has to pass: format, lint, types, sanitisers, versions, a wheel, then every
-# test but the timings. Ends with what each stage took. Run by `make check`; stops at the first stage that fails.
+# Everything that a change has to pass: format, lint, types, sanitisers, versions, a wheel, the site, the
+# learners' page, then every test but the timings. Ends with what each stage took. Run by `make check`; stops at the first stage that fails.
 set -eu
 cd "$(dirname "$0")/.."
 began=$(date +%s)

@@ -90,19 +90,19 @@ def _rule(text: str) -> tuple[str, str]:
 def _things(model: MjModel) -> tuple[list[_Thing], list[_Thing]]:
     """The geoms, and what has geom_id -2, -3 and so on."""
     kinds = mujoco.mjtObj
-    geoms = [_Thing(kinds.mjOBJ_GEOM, i, int(model.geom_bodyid[i])) for i in range(model.ngeom)]
-    sites = [_Thing(kinds.mjOBJ_SITE, i, int(model.site_bodyid[i])) for i in range(model.nsite)]
-    many = {
-        kind: [_Thing(kind, i, -1) for i in range(count)]
-        for kind, count in (
-            (kinds.mjOBJ_SKIN, model.nskin),
-            (kinds.mjOBJ_FLEX, model.nflex),
-            (kinds.mjOBJ_TENDON, model.ntendon),
-            (kinds.mjOBJ_ACTUATOR, model.nu),
-        )
-    }
-    skins, flexes, tendons, actuators = many.values()
-    return geoms, [*skins, *flexes, *sites, *tendons, *actuators]
+
+    def things(
+        kind: mujoco.mjtObj, count: int, bodies: Sequence[int] | None = None
+    ) -> list[_Thing]:
+        return [_Thing(kind, i, -1 if bodies is None else int(bodies[i])) for i in range(count)]
+
+    return things(kinds.mjOBJ_GEOM, model.ngeom, model.geom_bodyid), [
+        *things(kinds.mjOBJ_SKIN, model.nskin),
+        *things(kinds.mjOBJ_FLEX, model.nflex),
+        *things(kinds.mjOBJ_SITE, model.nsite, model.site_bodyid),
+        *things(kinds.mjOBJ_TENDON, model.ntendon),
+        *things(kinds.mjOBJ_ACTUATOR, model.nu),
+    ]
 
 
 def _is_drawn(model: MjModel, thing: _Thing) -> bool:

@@ -6,8 +6,6 @@ Needs NVRTC (`pip install nvidia-cuda-nvrtc cuda-bindings`), but no GPU.
 from __future__ import annotations
 
 import re
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -16,9 +14,8 @@ try:
     nvrtc.nvrtcVersion()
 except RuntimeError as error:
     pytest.skip(f"no NVRTC: {error}", allow_module_level=True)
-sys.path.append(str(Path(__file__).parents[2] / "support/cuda"))
 
-from compile import SAME_BYTES, compiled  # noqa: E402
+from tests.support.cuda.compile import SAME_BYTES, compiled  # noqa: E402
 
 ARITHMETIC = re.compile(r"\b(?:add|sub|mul|div|sqrt|min|max|abs|neg|setp)\.[\w.]*f32\b")
 OTHER_ROUNDING = re.compile(r"\b(?:fma|mad\.r\w|\w+\.approx)[\w.]*")
