@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from evs.emulator.simulation.pixels import Pixels
     from evs.emulator.simulation.virtual_camera import VirtualCamera
     from evs.emulator.simulation.world import World
+    from evs.emulator.simulation.worlds import Worlds
     from evs.emulator.world import LeftOutWarning, UnstableError
     from evs.msgs import Observation
 
@@ -45,6 +46,7 @@ _HOMES = {
     "View": "evs.emulator.camera.view:View",
     "VirtualCamera": "evs.emulator.simulation.virtual_camera:VirtualCamera",
     "World": "evs.emulator.simulation.world:World",
+    "Worlds": "evs.emulator.simulation.worlds:Worlds",
 }
 
 __all__ = [
@@ -60,6 +62,7 @@ __all__ = [
     "View",
     "VirtualCamera",
     "World",
+    "Worlds",
 ]
 
 

@@ -9,6 +9,77 @@ import numpy
 from numpy.typing import NDArray
 
 
+class CameraBatch:
+    """
+    Cameras of many worlds, whose ticks are computed side by side.
+
+    Each has its own caster and pixels, made for one thread, or for all of
+    them where there are fewer cameras than threads.
+    """
+
+    def __init__(self, *, threads: int) -> None:
+        """
+        Args:
+            threads: The number of cameras at once; 0 for one per core.
+        """
+
+    def add(self, caster: object, pixels: object, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], world: int) -> int:
+        """
+        Add a camera.
+
+        Args:
+            caster: What renders it.
+            pixels: Its pixels.
+            luminance: (h, w) float32, the array that is passed to `Caster.render`.
+            world: The row of its world in the arrays of `step`.
+
+        Returns:
+            Its number.
+        """
+
+    def put(self, camera: int, pixels: object, state: dict, *, seed: int, clock_us: int, ticks: int, all_due: bool) -> None:
+        """
+        Set a camera's pixels and their state, whose arrays are modified in place from
+        now on.
+
+        Args:
+            camera: Its number.
+            pixels: The pixels, of the same size.
+            state: The arrays of the state, by the names that `PixelArray.step` takes.
+            seed: The seed of its light's noise.
+            clock_us, ticks, all_due: As of `PixelArray.step`.
+        """
+
+    def numbers(self, camera: int) -> tuple:
+        """
+        Return clock_us and ticks of a camera, and the pixels clamped since `put`.
+        """
+
+    def step(self, which: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], t_begin_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], tick_us: int) -> None:
+        """
+        Render a tick of some cameras and step their pixels.
+
+        Args:
+            which: (k,) int32, the numbers of the cameras, in order.
+            geom_pos, geom_mat: (worlds, ng, 3) and (worlds, ng, 9) float64, world frame.
+            light_pos, light_dir: (worlds, nl, 3) float64, world frame.
+            camera_pos, camera_mat: (cameras, 3) and (cameras, 9) float64, world frame.
+            t_begin_us: (cameras,) int64, the stamp of the tick's start.
+            tick_us: The length of the tick.
+        """
+
+    def take_events(self, which: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> tuple:
+        """
+        Take the events of some cameras since the last call.
+
+        Args:
+            which: (k,) int32, the numbers of the cameras.
+
+        Returns:
+            The event bytes, (16 n,) uint8, camera after camera, and (k + 1,) int64,
+            where those of each begin.
+        """
+
 class Optics:
     """A camera's pixels and rays."""
 

@@ -20,13 +20,14 @@ from evs.emulator.camera.camera_plan import (
     identity_of,
     plain_plan,
 )
-from evs.emulator.camera.pixels import DoneTick, Pixels
+from evs.emulator.camera.pixels import DoneTick, LentPixels, Pixels
 from evs.emulator.camera.scene_plan import ScenePlan, is_unlit, plan_scene
 from evs.emulator.config import SceneConfig, SensorConfig
 from evs.emulator.config.plain_values import plain_config, with_keys
 from evs.emulator.optics import camera_info
 from evs.emulator.optics.camera_info import pose_message
 from evs.emulator.render import flicker_warnings
+from evs.emulator.render.direct import DirectRenderer, LentRenderer
 from evs.emulator.sensor import SensorParameters, completed, preset_biases, resolve_sensor
 from evs.emulator.state import Saved, joined, number, numbers, part
 from evs.emulator.state.versions import versions
@@ -62,6 +63,13 @@ class RenderedFrame(NamedTuple):
     """share of the pixels that had to be traced for it, 0 ... 1"""
 
 
+class LentCamera(NamedTuple):
+    """The parts of a camera that a batch of cameras uses in its place."""
+
+    renderer: LentRenderer
+    pixels: LentPixels
+
+
 class Camera:
     """Renders what it sees of each snapshot and turns the change of light into events.
 
@@ -94,6 +102,7 @@ class Camera:
         scene_config: SceneConfig | None = None,
         config: dict[str, Any] | None = None,
         meter: Meter | None = None,
+        like: Camera | None = None,
     ) -> None:
         """Build the stages.
 
@@ -107,6 +116,7 @@ class Camera:
             scene_config: [scene], for the header of the stream.
             config: The run's whole configuration, if there is one beyond the plan.
             meter: Measures how long each stage takes.
+            like: A camera in a world of the same model, whose meshes, trees and images it shares.
 
         Raises:
             EvsError: The plan makes no sense in this world.
@@ -118,7 +128,8 @@ class Camera:
         self._size = (int(sensor.width), int(sensor.height))
         self._tick_us, self._world = tick_us, world
         self.left_out = ()
-        self._stand(plan.stand(world, scene, *self._size))
+        shared = like._renderer if like else None
+        self._stand(plan.stand(world, scene, *self._size, like=shared))
         self.rebuilt = dict.fromkeys(("scenes", "meshes", "textures"), 0)
         settings = (plan.seed, plan.threads, plan.render.noisy_samples)
         self._pixels = Pixels(sensor, plan.model, *settings, switches, plan.render.isa)
@@ -332,6 +343,57 @@ class Camera:
             self._luminance = self._renderer.render_again(*self._now) if self._now else None
 
         return put
+
+    @property
+    def plan_of_it(self) -> CameraPlan:
+        """Everything that makes it besides its world."""
+        return self._plan
+
+    def lend(self) -> LentCamera | str:
+        """What steps in its place, with the same bytes, in a batch; or why it cannot.
+
+        Call it again after a reset. Until `take_back` the camera must not be used.
+        """
+        if any(self._auxiliary.features.values()) or self._traces_truth:
+            return "frames, IMU, labels or ground truth are made in every tick"
+        renderer = self._renderer
+        light = (
+            renderer.lend()
+            if isinstance(renderer, DirectRenderer)
+            else "the renderer is not native"
+        )
+        if isinstance(light, str):
+            return light
+        pixels = self._pixels.lend()
+        return pixels if isinstance(pixels, str) else LentCamera(light, pixels)
+
+    def take_back(
+        self,
+        ticks: int,
+        events: int,
+        traced: float,
+        now: SceneSnapshot,
+        previous: SceneSnapshot | None,
+    ) -> None:
+        """Go on after ticks that a batch has stepped.
+
+        Args:
+            ticks: How many.
+            events: In them.
+            traced: Share of the pixels that the last of them traced.
+            now: The world at their end.
+            previous: One tick before.
+        """
+        self._seq += ticks
+        self._seen += ticks
+        self.events += events
+        self._t_us, self._traced = now.t_us, traced
+        lent = self.lend()
+        assert isinstance(lent, LentCamera)
+        self._luminance, self._seen_from = lent.renderer.luminance, self._viewpoint
+        self._now = now, now.cameras[self.place]
+        if previous is not None:
+            self._previous = previous, previous.cameras[self.place]
 
     @property
     def identity(self) -> dict[str, Any]:

@@ -69,6 +69,7 @@ class CameraPlan:
         height: int,
         rgb: bool = False,
         before: Viewpoint | None = None,
+        like: Renderer | None = None,
     ) -> Viewpoint:
         """Put the camera into its place in a world, and make its renderer.
 
@@ -79,6 +80,8 @@ class CameraPlan:
             height: Of the sensor, px.
             rgb: Whether colour is wanted too.
             before: The same camera until now; what has not changed is reused.
+            like: Another camera's renderer in a world of this model, whose meshes, trees and
+                images are shared.
 
         Raises:
             EvsError: The plan makes no sense in this world.
@@ -87,7 +90,7 @@ class CameraPlan:
         if before and scene is before.scene and bound.model == before.bound.model:
             return Viewpoint(bound, scene, before.renderer)
         settings = (self.render, self.threads, rgb, self.seed, self.switches)
-        like = before.renderer if before else None
+        like = before.renderer if before else like
         return Viewpoint(bound, scene, make_renderer(scene, bound.model, *settings, like))
 
 

@@ -18,7 +18,8 @@ from evs.emulator.base.scene import F32
 from evs.emulator.camera.event_models import check_chunk, make_event_model
 from evs.emulator.config import ModelConfig
 from evs.emulator.sensor import SensorParameters, make_readout
-from evs.emulator.sensor.readout import ReadoutState
+from evs.emulator.sensor.pixel import PlainModel, PlainState
+from evs.emulator.sensor.readout import Readout, ReadoutState
 from evs.emulator.state import Saved, joined, number, numbers, part
 from evs.msgs import EVENT_DTYPE, Events, EvsError, empty_events
 
@@ -29,6 +30,16 @@ class DoneTick(NamedTuple):
     begin_us: int
     end_us: int
     events: Events
+
+
+class LentPixels(NamedTuple):
+    """The parts of pixels that a batch of cameras uses in their place."""
+
+    model: PlainModel
+    state: PlainState
+    """live: its numbers are those of the last tick that the batch has given back"""
+    readout: Readout | None
+    read: ReadoutState | None
 
 
 class Pixels:
@@ -125,6 +136,18 @@ class Pixels:
             self._light[: len(light)] = light
 
         return put
+
+    def lend(self) -> LentPixels | str:
+        """What steps in their place, with the same bytes, in a batch; or why it cannot.
+
+        Call it again after a reset.
+        """
+        model = self._model
+        if not isinstance(model, PlainModel):
+            return f"the event model is {type(model).__name__}"
+        if model.has_row_reads or model.features.get("causes", False):
+            return "events hold their causes, or frames disturb the pixels"
+        return LentPixels(model, self._state, self._readout, self._read)
 
     def adjust(self, sensor: SensorParameters) -> None:
         """Go on with other values of `adjustable` from the next light on.

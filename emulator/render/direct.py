@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from evs.emulator import _core
 from evs.emulator.base.features import UNFORCED, Switches
@@ -24,6 +25,18 @@ from evs.emulator.optics import Lens, make_lens
 from evs.emulator.render.flicker import Flicker
 from evs.emulator.render.ground_truth import trace_hits, trace_truth
 from evs.emulator.render.instant_light import InstantLight
+
+
+class LentRenderer(NamedTuple):
+    """The parts of a renderer that a batch of cameras uses in its place."""
+
+    caster: _core.Caster
+    luminance: F32
+    """(h, w) the image, which the caster knows"""
+    lights: npt.NDArray[np.intp]
+    """which of the scene's lights it has"""
+    seed: int
+    """of the noise in every tick"""
 
 
 class DirectRenderer(InstantLight):
@@ -192,6 +205,16 @@ class DirectRenderer(InstantLight):
     def work(self) -> dict[str, int]:
         """What it has done: ticks, packets of 4 x 4 pixels needed, traced and lit again, trees."""
         return self._caster.work
+
+    def lend(self) -> LentRenderer | str:
+        """What renders in its place, with the same bytes, in a batch; or why it cannot."""
+        if self._deforming or len(self._stretching):
+            return "the scene has shapes that deform"
+        if self._own["light_gains"]:
+            return "render.flicker is in use"
+        if self._rgb is not None:
+            return "colour is rendered too"
+        return LentRenderer(self._caster, self._luminance, self._lights, self._noise)
 
     def _place(
         self, snapshot: SceneSnapshot, pose: CameraPose

@@ -7,7 +7,7 @@ import numpy as np
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.scene import F32, I32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.config import RenderConfig
-from evs.emulator.render.direct import DirectRenderer
+from evs.emulator.render.direct import DirectRenderer, LentRenderer
 
 
 class PathRenderer(DirectRenderer):
@@ -72,9 +72,23 @@ class PathRenderer(DirectRenderer):
         self._noise = self._noise_of(snapshot)
         return super().trace(snapshot, pose, pixels)
 
+    def lend(self) -> LentRenderer | str:
+        """As of the direct renderer."""
+        if self._fresh:
+            return "render.seeds is fresh"
+        parts = super().lend()
+        return (
+            parts
+            if isinstance(parts, str)
+            else parts._replace(seed=self._drawn((self._seed % 2**64,)))
+        )
+
     def _noise_of(self, snapshot: SceneSnapshot) -> int:
         # seeds may be negative, words may not
         seed, tick = self._seed % 2**64, snapshot.t_us % 2**64
-        words = (seed, tick) if self._fresh else (seed,)
+        return self._drawn((seed, tick) if self._fresh else (seed,))
+
+    @staticmethod
+    def _drawn(words: tuple[int, ...]) -> int:
         drawn = np.random.SeedSequence(words).generate_state(1, np.uint32)
         return int(drawn.view(np.int32)[0])

@@ -102,9 +102,9 @@ class PlainModel:
             raise EvsError("other event models cannot hand their pixels over; make another camera")
         check_take_over(self, before)
         # made now: the next tick may have a clock to keep
-        self._pixels(state.seed)
+        self.array(state.seed)
         arrays = {name: array for name, array in state.arrays().items() if name in _SETTLED}
-        before._pixels(state.seed).settle(state.clock_us, **arrays)
+        before.array(state.seed).settle(state.clock_us, **arrays)
         if state.shot_next is not None and state.ticks:
             gaps = rescaled_gaps(
                 state.shot_next - state.clock_us * SHOT_UNITS,
@@ -125,7 +125,7 @@ class PlainModel:
     def init(self, seed: int) -> PlainState:
         """The state before the first tick."""
         # drawn now: the first tick may have a clock to keep
-        self._pixels(seed)
+        self.array(seed)
         return PlainState.dark(seed, self.sensor, self._average is not None, self.terms)
 
     def restore(self, saved: Arrays) -> PlainState:
@@ -157,10 +157,8 @@ class PlainModel:
         """
         check_tick(self.sensor, luminance, state, t_begin_us, t_end_us)
         tick_us = t_end_us - t_begin_us
-        if state.due_us is not None and tick_us != state.tick_us:
-            # filters that stand still in short ticks may move in a longer one
-            state.due_us[:] = state.clock_us
-        pixels = self._pixels(state.seed)
+        state.begin_tick(tick_us)
+        pixels = self.array(state.seed)
         reads = None if self._row_reads is None else self._row_reads.within(t_begin_us, t_end_us)
         try:
             raw, clamped = pixels.step(
@@ -184,11 +182,16 @@ class PlainModel:
         state.all_due = 0
         state.clamped += clamped
         state.clock_us += tick_us
-        state.tick_us = tick_us
         state.ticks += 1
         return raw.view(EVENT_DTYPE), state
 
-    def _pixels(self, seed: int) -> _core.PixelArray:
+    @property
+    def has_row_reads(self) -> bool:
+        """Whether the rows of frames that are read disturb the pixels."""
+        return self._row_reads is not None
+
+    def array(self, seed: int) -> _core.PixelArray:
+        """The native pixels of this seed; the last ones are kept."""
         seed %= 2**64
         if self._built is None or self._built[0] != seed:
             self._built = seed, self._build(seed)
@@ -414,6 +417,13 @@ class PlainState:
         add(terms.skips, blocks, "due_us", "since_us")
         add(terms.shot_noise, blocks, "shot_next", "shot_count")
         return state
+
+    def begin_tick(self, tick_us: int) -> None:
+        """A tick of this length comes next, us."""
+        if self.due_us is not None and tick_us != self.tick_us:
+            # filters that stand still in short ticks may move in a longer one
+            self.due_us[:] = self.clock_us
+        self.tick_us = tick_us
 
     @property
     def clamps(self) -> int:

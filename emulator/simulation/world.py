@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 from weakref import ref
@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.protocols import Meter, NoMeter
-from evs.emulator.base.scene import F64, SceneSnapshot
+from evs.emulator.base.scene import F64, SceneModel, SceneSnapshot
 from evs.emulator.base.stamps import check_start
 from evs.emulator.camera.camera import Camera
 from evs.emulator.camera.camera_plan import CameraPlan, plan_camera, plan_of
@@ -138,6 +138,29 @@ class World:
         world._add(plan_of(config), asdict(config))
         return world
 
+    def twin(self) -> World:
+        """Another world of the same model object, in its start state, without cameras.
+
+        What is the same is shared: the model, which neither may edit alone, and its scene.
+        """
+        other = World.__new__(World)
+        other._scene_config, other._start_us = self._scene_config, self._start_us
+        other._seed, other._threads, other._meter = self._seed, self._threads, NoMeter()
+        other._control = self._control.copy()
+        other._given = None
+        other._physics = Physics(self.model, self.substeps.tick_us, self._control.keyframe)
+        other._physics.substeps = self.substeps
+        other._scene, other._digest = self._scene, self._digest
+        other._taker = SnapshotTaker(self.model)
+        other._history = SnapshotHistory(other._taker)
+        other._cameras, other._view_refs, other._bounds = [], [], []
+        return other
+
+    def add_like(self, camera: Camera) -> Camera:
+        """Add the camera of a twin, with a seed of its own, on this world's clock."""
+        plan = replace(camera.plan_of_it, seed=self._seed + len(self._cameras))
+        return self._add(plan, None, camera)
+
     @classmethod
     def with_view(cls, config: RunConfig, rgb: bool = False) -> tuple[World, View]:
         """The world of a pipeline, and what its camera would see: no pixels, no events."""
@@ -176,7 +199,9 @@ class World:
             plan_camera(camera, sensor, render, model, name, seed, self._threads), None
         )
 
-    def _add(self, plan: CameraPlan, config: dict[str, Any] | None) -> Camera:
+    def _add(
+        self, plan: CameraPlan, config: dict[str, Any] | None, like: Camera | None = None
+    ) -> Camera:
         self._see_edits()
         camera = Camera(
             self.model,
@@ -188,6 +213,7 @@ class World:
             scene_config=self._scene_config,
             config=config,
             meter=self._meter,
+            like=like,
         )
         self._pose(camera.bound)
         self._cameras.append(camera)
@@ -245,14 +271,26 @@ class World:
         if not self._scene.outdated():
             return
         scene = self._scene.extract()
+        self.refreshing(scene)()
+        self._scene.taken(scene)
+
+    def refreshing(self, scene: SceneModel) -> Callable[[], None]:
+        """Build what sees the edited model; the function that is returned puts it in place.
+
+        Raises:
+            EvsError: It cannot be shown.
+        """
         seers: list[Camera | View] = [*self._cameras, *self._views]
         puts = [one.refreshing(scene) for one in seers]
-        for put in puts:
-            put()
-        for one in seers:
-            self._bounds[one.place] = one.bound
-        self._taker.fit(self._bounds)
-        self._scene.taken(scene)
+
+        def put() -> None:
+            for show in puts:
+                show()
+            for one in seers:
+                self._bounds[one.place] = one.bound
+            self._taker.fit(self._bounds)
+
+        return put
 
     def save(self, compress: bool = False) -> bytes:
         """Save everything that the next tick follows from, of physics and cameras.
@@ -344,6 +382,32 @@ class World:
             "camera": {camera.name: camera.identity for camera in self._cameras},
         }
 
+    def give(self, ctrl: F64) -> None:
+        """Take controls (nu,), finite, for the next tick and the following ones."""
+        self._given = ctrl
+
+    @property
+    def given(self) -> F64 | None:
+        """(nu,) the controls that hold instead of the control source; None: it acts."""
+        return self._given
+
+    def go_on(self, places: F64, before: F64) -> tuple[SceneSnapshot, SceneSnapshot]:
+        """Remember the last two instants, after ticks that were taken elsewhere.
+
+        Args:
+            places: As of SnapshotTaker.places, now.
+            before: One tick ago.
+
+        Returns:
+            Snapshots of now, and of one tick ago.
+        """
+        tick_us = self.substeps.tick_us
+        taken = []
+        for where, t_us in ((before, self._physics.t_us - tick_us), (places, self._physics.t_us)):
+            taken.append(self._taker.again(where, t_us, tick_us))
+            self._history.keep(taken[-1])
+        return taken[1], taken[0]
+
     def step(self, ctrl: npt.ArrayLike | None = None) -> tuple[EventPacket, ...]:
         """Advance by one tick.
 
@@ -366,7 +430,7 @@ class World:
 
     def advance(self) -> SceneSnapshot:
         """The physics of one tick, which no camera has seen yet: the first half of `step`."""
-        self._start_cameras()
+        self.start_cameras()
         physics, values = self._physics, self._given
         if values is None:
             values = self._control(physics.t_us, physics.data)
@@ -447,7 +511,7 @@ class World:
         if rest := self.finish():
             yield rest
 
-    def _start_cameras(self) -> None:
+    def start_cameras(self) -> None:
         """Cameras that have seen nothing yet take the light before this tick as their reference."""
         new = [camera for camera in self._cameras if not camera.started]
         if new:
@@ -457,6 +521,21 @@ class World:
                 camera.start(snapshot)
         for view in self._views:
             view.start()
+
+    @property
+    def physics(self) -> Physics:
+        """Its state, and how it is stepped."""
+        return self._physics
+
+    @property
+    def control(self) -> ControlSource:
+        """What gives the controls where `step` was given none."""
+        return self._control
+
+    @property
+    def live_scene(self) -> LiveScene:
+        """Its scene, and whether the model was edited since."""
+        return self._scene
 
     @property
     def model(self) -> MjModel:

@@ -22,7 +22,12 @@ from evs.emulator.world.controls import (
     name_of_keyframe,
     starting_keyframe,
 )
-from evs.emulator.world.encoders import Encoders, NamedSensors, add_joint_sensors
+from evs.emulator.world.encoders import (
+    Encoders,
+    Measurements,
+    NamedSensors,
+    add_joint_sensors,
+)
 from evs.emulator.world.extraction import (
     LeftOutWarning,
     extract_scene,
@@ -50,6 +55,7 @@ from evs.emulator.world.physics import (
     gravity_of,
     moving_bodies,
 )
+from evs.emulator.world.physics_batch import PhysicsBatch, PoseBatch, why_not_batched
 from evs.emulator.world.snapshots import SnapshotTaker
 
 __all__ = [
@@ -62,6 +68,7 @@ __all__ = [
     "Encoders",
     "LeftOutWarning",
     "LiveScene",
+    "Measurements",
     "MjData",
     "MjModel",
     "Mobility",
@@ -69,6 +76,8 @@ __all__ = [
     "NamedSensors",
     "ObjectClasses",
     "Physics",
+    "PhysicsBatch",
+    "PoseBatch",
     "Scene",
     "SnapshotTaker",
     "Substeps",
@@ -96,4 +105,5 @@ __all__ = [
     "starting_keyframe",
     "visible_geoms",
     "warn_left_out",
+    "why_not_batched",
 ]

@@ -7,6 +7,7 @@ the settings of a scene name.
 
 from __future__ import annotations
 
+import copy
 import math
 import zipfile
 import zlib
@@ -307,6 +308,17 @@ class ControlSource:
             self._source = "zero"
         self.seed = settings.control_seed
         self._control = self._make()
+
+    def copy(self) -> ControlSource:
+        """Another one, of the same seed."""
+        other = copy.copy(self)
+        other._control = other._make()
+        return other
+
+    @property
+    def needs_data(self) -> bool:
+        """Whether a function of the caller's decides, which may look at the data."""
+        return callable(self._source)
 
     @property
     def holds(self) -> bool:

@@ -50,6 +50,11 @@ class Limit:
     stage: int
     """how much of the forward dynamics it needs, a mjtStage"""
 
+    def keeps(self, sensordata: F64) -> bool:
+        """Whether the readings (nsensordata,) of a moment are inside; a NaN is not."""
+        values = sensordata[self.begin : self.end]
+        return bool(((values >= self.low) & (values <= self.high)).all())
+
     def __str__(self) -> str:
         """As the reason of an end."""
         return f"{self.name} left {self.low:g} ... {self.high:g}"
@@ -92,6 +97,16 @@ class Encoders:
             mujoco.mj_sensorVel(model, own)
 
     @property
+    def stage(self) -> int:
+        """How much of the forward dynamics the sensors need, a mjtStage; 0: there are none."""
+        return self._stage
+
+    @property
+    def sensordata(self) -> F64:
+        """(nsensordata,) all readings, a copy; true are those of sensors with limits."""
+        return np.array(self._data.sensordata, np.float64)
+
+    @property
     def position(self) -> F64:
         """(n,) length of each actuator's transmission, a copy: rad, m, or what its gear makes."""
         return np.array(self._data.actuator_length, np.float64)
@@ -115,8 +130,7 @@ class Encoders:
         The ends of a range belong to it; a NaN is outside.
         """
         for limit in self.limits:
-            values = self._data.sensordata[limit.begin : limit.end]
-            if not ((values >= limit.low) & (values <= limit.high)).all():
+            if not limit.keeps(self._data.sensordata):
                 return str(limit)
         return ""
 
@@ -161,6 +175,67 @@ def add_joint_sensors(spec: mujoco.MjSpec, joints: Mapping[str, str]) -> None:
             objtype=mujoco.mjtObj.mjOBJ_JOINT,
             objname=joint,
         )
+
+
+class Measurements:
+    """What many worlds of one model measure, each at its last instant.
+
+    A world ends where a sensor leaves its limits.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        worlds: int,
+        limits: Mapping[str, Any] | None,
+        sensors: Iterable[str],
+    ) -> None:
+        """Make room for them.
+
+        Args:
+            model: The model.
+            worlds: How many.
+            limits: Name of a sensor -> (low, high).
+            sensors: Names of others that are read.
+
+        Raises:
+            EvsError: No such sensor, or no range.
+        """
+        self._limits = read_limits(model, limits or {})
+        free = dict.fromkeys(sensors, (-math.inf, math.inf))
+        self._read = read_limits(model, free)
+        # reads the state of any world
+        self._one = Encoders(model, {**free, **(limits or {})})
+        self.stage = max(self._one.stage, int(Stages.mjSTAGE_VEL))
+        """how much of the forward dynamics they need, a mjtStage"""
+        self.position = np.zeros((worlds, len(self._one.position)))
+        """(n, actuators) as of Encoders"""
+        self.velocity = np.zeros_like(self.position)
+        """(n, actuators) as of Encoders"""
+        self.sensordata = np.zeros((worlds, model.nsensordata))
+        """(n, nsensordata)"""
+
+    def measure(self, world: int, data: mujoco.MjData) -> None:
+        """Measure a world by its data, which is only read."""
+        self._one.read(data)
+        self.position[world], self.velocity[world] = self._one.position, self._one.velocity
+        self.sensordata[world] = self._one.sensordata
+
+    def left(self, which: Iterable[int]) -> dict[int, str]:
+        """The first limit that each of these worlds has left, where one has, as a reason."""
+        found: dict[int, str] = {}
+        for limit in self._limits:
+            values = self.sensordata[:, limit.begin : limit.end]
+            if not ((values >= limit.low) & (values <= limit.high)).all():
+                for world in which:
+                    if world not in found and not limit.keeps(self.sensordata[world]):
+                        found[world] = str(limit)
+        return found
+
+    @property
+    def readings(self) -> dict[str, F64]:
+        """Readings of the sensors that were named: name -> (n, its dimension) float64, copies."""
+        return {one.name: self.sensordata[:, one.begin : one.end].copy() for one in self._read}
 
 
 class NamedSensors:

@@ -100,6 +100,12 @@ class ThreadPool {
   // first exception of any job after all workers have stopped.
   template <class F>
   void run(int jobs, F&& job) {
+    if (count_ == 1) {
+      // no worker to share with: callers in several threads do not wait for each other
+      FlushDenormals flush;
+      for (int index = 0; index < jobs; index++) job(index, 0);
+      return;
+    }
     std::lock_guard one_caller(callers_);
     auto body = [&job](int index, int worker) { job(index, worker); };
     std::function<void(int, int)> task = std::ref(body);

@@ -3,6 +3,7 @@
 #include <nanobind/nanobind.h>
 
 namespace evs {
+void bind_camera_batch(nanobind::module_& m);
 void bind_caster(nanobind::module_& m);
 void bind_events(nanobind::module_& m);
 void bind_network(nanobind::module_& m);
@@ -18,6 +19,7 @@ NB_MODULE(_core, m) {
   // threads that the interpreter stops at its exit leak what they used, which is not a bug of the
   // user
   nanobind::set_leak_warnings(false);
+  evs::bind_camera_batch(m);
   evs::bind_caster(m);
   evs::bind_events(m);
   evs::bind_network(m);

@@ -4,9 +4,7 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 
-#include <optional>
-
-#include "gil.h"
+#include "bound_pixels.h"
 #include "pixel_array.h"
 
 namespace nb = nanobind;
@@ -14,17 +12,7 @@ namespace nb = nanobind;
 namespace evs {
 namespace {
 
-template <class T, size_t DIMENSIONS>
-using Array = nb::ndarray<T, nb::ndim<DIMENSIONS>, nb::c_contig, nb::device::cpu>;
-template <class T>
-using FrameIn = Array<const T, 2>;
-template <class T>
-using MaybeIn = std::optional<FrameIn<T>>;
-template <class T>
-using MaybeFrame = std::optional<Array<T, 2>>;
-using MaybeBlocks = std::optional<Array<int64_t, 1>>;
 using Line = Array<const float, 1>;
-using Bytes = nb::ndarray<nb::numpy, uint8_t, nb::ndim<1>>;
 using Floats = nb::ndarray<nb::numpy, float, nb::ndim<1>>;
 
 LogMap make_log_map(const std::string& log, float exposure_dn, float dark_dn, float linlog_dn,
@@ -36,14 +24,6 @@ LogMap make_log_map(const std::string& log, float exposure_dn, float dark_dn, fl
   }
   if (log == "ln") return LogMap::physical(exposure_dn, dark_dn);
   throw std::invalid_argument("log must be linlog, log_eps or ln, not " + log);
-}
-
-// A Python array that owns `data`.
-template <class Out, class T>
-Out owned(std::unique_ptr<T[]> data, size_t count) {
-  nb::capsule owner(data.get(), [](void* p) noexcept { delete[] static_cast<T*>(p); });
-  T* memory = data.release();
-  return Out(memory, {count * sizeof(T) / sizeof(typename Out::Scalar)}, owner);
 }
 
 // The settings that all pixels share, from keywords.
@@ -82,159 +62,6 @@ PixelSettings make_settings(const std::string& log, float exposure_dn, float dar
   settings.photon.scale = photon_scale;
   return settings;
 }
-
-class BoundPixels {
- public:
-  BoundPixels(const PixelSettings& settings, int width, int height, FrameIn<float> theta_on,
-              FrameIn<float> theta_off, MaybeIn<float> leak, MaybeIn<float> parasitic,
-              MaybeIn<float> phase, MaybeIn<uint8_t> hot, MaybeIn<float> shot_on,
-              MaybeIn<float> shot_off, MaybeIn<uint32_t> refractory, int threads,
-              const std::string& isa)
-      : settings_(settings),
-        width_(static_cast<size_t>(width)),
-        height_(static_cast<size_t>(height)),
-        keep_(nb::make_tuple(theta_on, theta_off, leak, parasitic, phase, hot, shot_on, shot_off,
-                             refractory)) {
-    PixelPattern pattern;
-    pattern.theta_on = pixels(theta_on);
-    pattern.theta_off = pixels(theta_off);
-    pattern.leak = pixels(leak);
-    pattern.parasitic = pixels(parasitic);
-    pattern.phase = pixels(phase);
-    pattern.hot = pixels(hot);
-    pattern.refractory = pixels(refractory);
-    settings_.shot.on = pixels(shot_on);
-    settings_.shot.off = pixels(shot_off);
-    if (pattern.parasitic != nullptr && pattern.leak == nullptr) {
-      throw std::invalid_argument("a parasitic leak needs the array of leaks");
-    }
-    if (pattern.refractory != nullptr && settings_.refractory == 0) {
-      throw std::invalid_argument("refractory periods of pixels need one in the settings");
-    }
-    if ((settings_.shot.on == nullptr) != (settings_.shot.off == nullptr)) {
-      throw std::invalid_argument("shot noise has rates of both polarities");
-    }
-    if (settings_.photon.scale > 0.0 && !settings_.lowpass() && settings_.follower == 0.0) {
-      throw std::invalid_argument("photon noise needs a pole");
-    }
-    has_leak_ = pattern.leak != nullptr;
-    array_ = std::make_unique<PixelArray>(settings_, pattern, width, height, threads, isa);
-  }
-
-  nb::tuple step(FrameIn<float> luminance, int64_t t_begin_us, int64_t clock_us, int64_t tick_us,
-                 int64_t ticks, Array<double, 2> reference, Array<float, 2> last_log,
-                 Array<float, 2> last_luminance, MaybeFrame<float> filtered,
-                 MaybeFrame<float> followed, MaybeFrame<int64_t> blind_until,
-                 MaybeFrame<double> noise_budget, MaybeFrame<float> noise_mean,
-                 MaybeFrame<float> noise_memory, MaybeFrame<float> mean, MaybeFrame<float> noise,
-                 MaybeFrame<float> drift, MaybeBlocks due_us, MaybeBlocks since_us,
-                 MaybeBlocks shot_next, MaybeBlocks shot_count,
-                 std::optional<Array<const int32_t, 2>> row_reads, bool all_due) {
-    PixelArrays arrays;
-    arrays.reference = pixels(reference);
-    arrays.last_log = pixels(last_log);
-    arrays.last_luminance = pixels(last_luminance);
-    arrays.filtered = needed(settings_.lowpass(), pixels(filtered));
-    arrays.followed = needed(settings_.follower > 0.0, pixels(followed));
-    arrays.blind_until = needed(settings_.refractory > 0, pixels(blind_until));
-    const bool photon = settings_.photon.scale > 0.0;
-    arrays.noise_budget = needed(photon, pixels(noise_budget));
-    arrays.noise_mean = needed(photon, pixels(noise_mean));
-    arrays.noise_memory = needed(photon, pixels(noise_memory));
-    arrays.running_mean.mean = needed(settings_.running_mean, pixels(mean));
-    arrays.running_mean.noise = needed(settings_.running_mean, pixels(noise));
-    arrays.running_mean.drift = needed(settings_.running_mean, pixels(drift));
-    const float first = 1.0f / static_cast<float>(ticks + 1);
-    arrays.running_mean.noise_gain = std::max(settings_.noise_gain, first);
-    arrays.running_mean.drift_gain = settings_.drift_gain;
-    arrays.running_mean.noise_weight = settings_.noise_weight;
-    arrays.running_mean.least_gain = std::max(settings_.least_gain, first);
-    arrays.due_us = needed(skips(), blocks(due_us));
-    arrays.since_us = needed(skips(), blocks(since_us));
-    const bool shot = settings_.shot.on != nullptr;
-    arrays.shot.next = needed(shot, blocks(shot_next));
-    arrays.shot.count = needed(shot, blocks(shot_count));
-    if (tick_us <= 0 || tick_us >= (int64_t{1} << 28)) {
-      throw std::invalid_argument("tick_us must be in [1, 2^28)");
-    }
-    Tick tick{pixels(luminance), clock_us, static_cast<uint32_t>(tick_us)};
-    if (row_reads) tick.rows = checked_reads(*row_reads, tick_us);
-    tick.all_due = all_due;
-    EventBuffer buffer;
-    size_t clamped = 0;
-    {
-      GilRelease release;
-      buffer = array_->step(arrays, tick, t_begin_us, clamped);
-    }
-    return nb::make_tuple(owned<Bytes>(std::move(buffer.events), buffer.count), clamped);
-  }
-
-  void settle(int64_t clock_us, Array<double, 2> reference, Array<float, 2> last_luminance,
-              MaybeBlocks due_us, MaybeBlocks since_us, MaybeFrame<float> filtered,
-              MaybeFrame<float> followed, MaybeFrame<double> noise_budget, MaybeFrame<float> mean) {
-    PixelArrays arrays;
-    arrays.reference = pixels(reference);
-    arrays.last_luminance = pixels(last_luminance);
-    arrays.filtered = needed(settings_.lowpass(), pixels(filtered));
-    arrays.followed = needed(settings_.follower > 0.0, pixels(followed));
-    arrays.noise_budget = needed(settings_.photon.scale > 0.0, pixels(noise_budget));
-    arrays.running_mean.mean = needed(settings_.running_mean, pixels(mean));
-    arrays.due_us = needed(skips(), blocks(due_us));
-    arrays.since_us = needed(skips(), blocks(since_us));
-    array_->settle(arrays, clock_us);
-  }
-
- private:
-  // Whether there is a term for which skipped blocks have to be looked at again.
-  bool skips() const {
-    return has_leak_ || settings_.lowpass() || settings_.follower > 0.0 ||
-           settings_.highpass > 0.0 || settings_.refractory > 0 || settings_.running_mean;
-  }
-  // The row reads of a tick; throws std::invalid_argument for those outside sensor or tick.
-  RowReads checked_reads(const Array<const int32_t, 2>& reads, int64_t tick_us) const {
-    bool good = reads.shape(0) == 0 || reads.shape(1) == 2;
-    for (size_t k = 0; good && k < reads.shape(0); k++) {
-      const int32_t row = reads.data()[2 * k], offset = reads.data()[2 * k + 1];
-      const int32_t earlier = k > 0 ? reads.data()[2 * k - 1] : 1;
-      good =
-          row >= 0 && static_cast<size_t>(row) < height_ && offset >= earlier && offset <= tick_us;
-    }
-    if (!good) throw std::invalid_argument("row reads are (row, us in the tick), by time");
-    static_assert(sizeof(RowRead) == 2 * sizeof(int32_t));
-    return {reinterpret_cast<const RowRead*>(reads.data()), reads.shape(0), width_};
-  }
-  template <class Frame>
-  auto pixels(const Frame& frame) const -> decltype(frame.data()) {
-    if (frame.shape(0) != height_ || frame.shape(1) != width_) {
-      throw std::invalid_argument("every array of pixels must be (height, width)");
-    }
-    return frame.data();
-  }
-  template <class Frame>
-  auto pixels(const std::optional<Frame>& frame) const -> decltype(frame->data()) {
-    return frame ? pixels(*frame) : nullptr;
-  }
-  int64_t* blocks(const MaybeBlocks& line) const {
-    if (!line) return nullptr;
-    if (line->shape(0) != array_->blocks()) {
-      throw std::invalid_argument("every array of blocks must have one number for 64 pixels");
-    }
-    return line->data();
-  }
-  // The state of a term; required if the term is on, else null.
-  template <class T>
-  static T* needed(bool on, T* state) {
-    if (on && state == nullptr) throw std::invalid_argument("the state lacks a term that is on");
-    return on ? state : nullptr;
-  }
-
-  PixelSettings settings_;
-  size_t width_;
-  size_t height_;
-  bool has_leak_ = false;
-  nb::object keep_;  // memory of the pattern
-  std::unique_ptr<PixelArray> array_;
-};
 
 Floats natural_log(Line values) {
   std::unique_ptr<float[]> out(new float[values.shape(0)]);
@@ -275,6 +102,96 @@ Floats log_map(Line luminance, const std::string& log, float exposure_dn, float 
 }
 
 }  // namespace
+
+BoundPixels::BoundPixels(const PixelSettings& settings, int width, int height,
+                         FrameIn<float> theta_on, FrameIn<float> theta_off, MaybeIn<float> leak,
+                         MaybeIn<float> parasitic, MaybeIn<float> phase, MaybeIn<uint8_t> hot,
+                         MaybeIn<float> shot_on, MaybeIn<float> shot_off,
+                         MaybeIn<uint32_t> refractory, int threads, const std::string& isa)
+    : settings_(settings),
+      width_(static_cast<size_t>(width)),
+      height_(static_cast<size_t>(height)),
+      keep_(nb::make_tuple(theta_on, theta_off, leak, parasitic, phase, hot, shot_on, shot_off,
+                           refractory)) {
+  PixelPattern pattern;
+  pattern.theta_on = pixels(theta_on);
+  pattern.theta_off = pixels(theta_off);
+  pattern.leak = pixels(leak);
+  pattern.parasitic = pixels(parasitic);
+  pattern.phase = pixels(phase);
+  pattern.hot = pixels(hot);
+  pattern.refractory = pixels(refractory);
+  settings_.shot.on = pixels(shot_on);
+  settings_.shot.off = pixels(shot_off);
+  if (pattern.parasitic != nullptr && pattern.leak == nullptr) {
+    throw std::invalid_argument("a parasitic leak needs the array of leaks");
+  }
+  if (pattern.refractory != nullptr && settings_.refractory == 0) {
+    throw std::invalid_argument("refractory periods of pixels need one in the settings");
+  }
+  if ((settings_.shot.on == nullptr) != (settings_.shot.off == nullptr)) {
+    throw std::invalid_argument("shot noise has rates of both polarities");
+  }
+  if (settings_.photon.scale > 0.0 && !settings_.lowpass() && settings_.follower == 0.0) {
+    throw std::invalid_argument("photon noise needs a pole");
+  }
+  has_leak_ = pattern.leak != nullptr;
+  array_ = std::make_unique<PixelArray>(settings_, pattern, width, height, threads, isa);
+}
+
+BoundPixels::~BoundPixels() = default;
+
+EventBuffer BoundPixels::step(PixelArrays arrays, const Tick& tick, int64_t t_begin_us,
+                              int64_t ticks, size_t& clamped) {
+  const float first = 1.0f / static_cast<float>(ticks + 1);
+  arrays.running_mean.noise_gain = std::max(settings_.noise_gain, first);
+  arrays.running_mean.drift_gain = settings_.drift_gain;
+  arrays.running_mean.noise_weight = settings_.noise_weight;
+  arrays.running_mean.least_gain = std::max(settings_.least_gain, first);
+  return array_->step(arrays, tick, t_begin_us, clamped);
+}
+
+nb::tuple BoundPixels::step_tick(FrameIn<float> luminance, int64_t t_begin_us, int64_t clock_us,
+                                 int64_t tick_us, int64_t ticks, Array<double, 2> reference,
+                                 Array<float, 2> last_log, Array<float, 2> last_luminance,
+                                 MaybeFrame<float> filtered, MaybeFrame<float> followed,
+                                 MaybeFrame<int64_t> blind_until, MaybeFrame<double> noise_budget,
+                                 MaybeFrame<float> noise_mean, MaybeFrame<float> noise_memory,
+                                 MaybeFrame<float> mean, MaybeFrame<float> noise,
+                                 MaybeFrame<float> drift, MaybeBlocks due_us, MaybeBlocks since_us,
+                                 MaybeBlocks shot_next, MaybeBlocks shot_count,
+                                 std::optional<Array<const int32_t, 2>> row_reads, bool all_due) {
+  const PixelArrays arrays =
+      bind({reference, last_log, last_luminance, filtered, followed, blind_until, noise_budget,
+            noise_mean, noise_memory, mean, noise, drift, due_us, since_us, shot_next, shot_count});
+  check_tick_us(tick_us);
+  Tick tick{pixels(luminance), clock_us, static_cast<uint32_t>(tick_us)};
+  if (row_reads) tick.rows = checked_reads(*row_reads, tick_us);
+  tick.all_due = all_due;
+  EventBuffer buffer;
+  size_t clamped = 0;
+  {
+    GilRelease release;
+    buffer = step(arrays, tick, t_begin_us, ticks, clamped);
+  }
+  return nb::make_tuple(owned<Bytes>(std::move(buffer.events), buffer.count), clamped);
+}
+
+void BoundPixels::settle(int64_t clock_us, Array<double, 2> reference,
+                         Array<float, 2> last_luminance, MaybeBlocks due_us, MaybeBlocks since_us,
+                         MaybeFrame<float> filtered, MaybeFrame<float> followed,
+                         MaybeFrame<double> noise_budget, MaybeFrame<float> mean) {
+  PixelArrays arrays;
+  arrays.reference = pixels(reference);
+  arrays.last_luminance = pixels(last_luminance);
+  arrays.filtered = needed(settings_.lowpass(), pixels(filtered));
+  arrays.followed = needed(settings_.follower > 0.0, pixels(followed));
+  arrays.noise_budget = needed(settings_.photon.scale > 0.0, pixels(noise_budget));
+  arrays.running_mean.mean = needed(settings_.running_mean, pixels(mean));
+  arrays.due_us = needed(skips(), blocks(due_us));
+  arrays.since_us = needed(skips(), blocks(since_us));
+  array_->settle(arrays, clock_us);
+}
 
 void bind_sensor(nb::module_& m) {
   nb::class_<PixelSettings>(m, "PixelSettings", "The settings that all pixels share.")
@@ -325,7 +242,7 @@ void bind_sensor(nb::module_& m) {
            "        None for that of the settings.\n"
            "    threads: The number of threads; 0 for one per core.\n"
            "    isa: An instruction set of isa_available(), or auto.")
-      .def("step", &BoundPixels::step, nb::arg("luminance").noconvert(), nb::arg("t_begin_us"),
+      .def("step", &BoundPixels::step_tick, nb::arg("luminance").noconvert(), nb::arg("t_begin_us"),
            nb::arg("clock_us"), nb::arg("tick_us"), nb::arg("ticks"), nb::kw_only(),
            nb::arg("reference").noconvert(), nb::arg("last_log").noconvert(),
            nb::arg("last_luminance").noconvert(),

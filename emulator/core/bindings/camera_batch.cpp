@@ -1,0 +1,242 @@
+// Python binding of the cameras of many worlds: light and pixels of a tick of all of them in one
+// call.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <cstring>
+#include <vector>
+
+#include "bound_caster.h"
+#include "bound_pixels.h"
+
+namespace evs {
+namespace {
+
+using Offsets = nb::ndarray<nb::numpy, int64_t, nb::ndim<1>>;
+
+class CameraBatch {
+ public:
+  explicit CameraBatch(int threads) : pool_(threads) {}
+
+  int add(nb::object caster, nb::object pixels, Out<float, N, N> luminance, int world) {
+    Camera camera;
+    camera.caster = nb::cast<BoundCaster*>(caster);
+    camera.pixels = nb::cast<BoundPixels*>(pixels);
+    require(camera.caster->width == camera.pixels->width() &&
+                camera.caster->height == camera.pixels->height(),
+            "caster and pixels differ in size");
+    require(
+        luminance.shape(0) == camera.caster->height && luminance.shape(1) == camera.caster->width,
+        "luminance is (height, width)");
+    require(world >= 0, "the world's number");
+    camera.luminance = luminance.data();
+    camera.world = static_cast<size_t>(world);
+    camera.keep = nb::make_tuple(caster, pixels, luminance);
+    cameras_.push_back(std::move(camera));
+    return static_cast<int>(cameras_.size()) - 1;
+  }
+
+  void put(int index, nb::object pixels, nb::dict state, int seed, int64_t clock_us, int64_t ticks,
+           bool all_due) {
+    Camera& camera = cameras_.at(static_cast<size_t>(index));
+    BoundPixels* bound = nb::cast<BoundPixels*>(pixels);
+    require(bound->width() == camera.pixels->width() && bound->height() == camera.pixels->height(),
+            "pixels of another size");
+    PixelState arrays{needed<double>(state, "reference"),
+                      needed<float>(state, "last_log"),
+                      needed<float>(state, "last_luminance"),
+                      maybe<Array<float, 2>>(state, "filtered"),
+                      maybe<Array<float, 2>>(state, "followed"),
+                      maybe<Array<int64_t, 2>>(state, "blind_until"),
+                      maybe<Array<double, 2>>(state, "noise_budget"),
+                      maybe<Array<float, 2>>(state, "noise_mean"),
+                      maybe<Array<float, 2>>(state, "noise_memory"),
+                      maybe<Array<float, 2>>(state, "mean"),
+                      maybe<Array<float, 2>>(state, "noise"),
+                      maybe<Array<float, 2>>(state, "drift"),
+                      maybe<Array<int64_t, 1>>(state, "due_us"),
+                      maybe<Array<int64_t, 1>>(state, "since_us"),
+                      maybe<Array<int64_t, 1>>(state, "shot_next"),
+                      maybe<Array<int64_t, 1>>(state, "shot_count")};
+    camera.arrays = bound->bind(arrays);
+    camera.pixels = bound;
+    camera.state = nb::make_tuple(pixels, state);
+    camera.seed = seed;
+    camera.clock_us = clock_us;
+    camera.ticks = ticks;
+    camera.all_due = all_due;
+    camera.clamped = 0;
+    camera.events.clear();
+  }
+
+  // What `put` gave, as it is now: clock_us, ticks, clamped since then.
+  nb::tuple numbers(int index) const {
+    const Camera& camera = cameras_.at(static_cast<size_t>(index));
+    return nb::make_tuple(camera.clock_us, camera.ticks, camera.clamped);
+  }
+
+  void step(In<int32_t, N> which, In<double, N, N, 3> geom_pos, In<double, N, N, 9> geom_mat,
+            In<double, N, N, 3> light_pos, In<double, N, N, 3> light_dir,
+            In<double, N, 3> camera_pos, In<double, N, 9> camera_mat, In<int64_t, N> t_begin_us,
+            int64_t tick_us) {
+    const size_t worlds = geom_pos.shape(0), geoms = geom_pos.shape(1);
+    const size_t lights = light_pos.shape(1);
+    require(geom_mat.shape(0) == worlds && geom_mat.shape(1) == geoms &&
+                light_pos.shape(0) == worlds && light_dir.shape(0) == worlds &&
+                light_dir.shape(1) == lights,
+            "poses of another number of worlds, geoms or lights");
+    require(camera_pos.shape(0) == cameras_.size() && camera_mat.shape(0) == cameras_.size() &&
+                t_begin_us.shape(0) == cameras_.size(),
+            "one pose and one time for each camera");
+    BoundPixels::check_tick_us(tick_us);
+    const size_t jobs = which.shape(0);
+    for (size_t k = 0; k < jobs; k++) {
+      const int index = which.data()[k];
+      require(index >= 0 && index < static_cast<int>(cameras_.size()) &&
+                  (k == 0 || index > which.data()[k - 1]),
+              "cameras by their numbers, in order");
+      const Camera& camera = cameras_[static_cast<size_t>(index)];
+      require(
+          camera.world < worlds && camera.caster->geoms == geoms && camera.caster->lights == lights,
+          "poses for another number of geoms or lights");
+      require(camera.arrays.reference != nullptr, "a camera without its state");
+    }
+    GilRelease release;
+    pool_.run(static_cast<int>(jobs), [&](int job, int) {
+      const size_t index = static_cast<size_t>(which.data()[job]);
+      Camera& camera = cameras_[index];
+      const size_t world = camera.world;
+      const Poses poses = {geom_pos.data() + 3 * geoms * world,
+                           geom_mat.data() + 9 * geoms * world,
+                           light_pos.data() + 3 * lights * world,
+                           light_dir.data() + 3 * lights * world,
+                           camera_pos.data() + 3 * index,
+                           camera_mat.data() + 9 * index,
+                           camera.seed};
+      camera.caster->caster.render(poses, camera.luminance, nullptr);
+      Tick tick{camera.luminance, camera.clock_us, static_cast<uint32_t>(tick_us)};
+      tick.all_due = camera.all_due;
+      size_t clamped = 0;
+      const EventBuffer found =
+          camera.pixels->step(camera.arrays, tick, t_begin_us.data()[index], camera.ticks, clamped);
+      camera.events.insert(camera.events.end(), found.events.get(),
+                           found.events.get() + found.count);
+      camera.clamped += static_cast<int64_t>(clamped);
+      camera.clock_us += tick_us;
+      camera.ticks++;
+      camera.all_due = false;
+    });
+  }
+
+  // The events since the last call, camera after camera.
+  nb::tuple take_events(In<int32_t, N> which) {
+    const size_t count = which.shape(0);
+    std::unique_ptr<int64_t[]> offsets(new int64_t[count + 1]);
+    offsets[0] = 0;
+    for (size_t k = 0; k < count; k++) {
+      const Camera& camera = cameras_.at(static_cast<size_t>(which.data()[k]));
+      offsets[k + 1] = offsets[k] + static_cast<int64_t>(camera.events.size());
+    }
+    const size_t total = static_cast<size_t>(offsets[count]);
+    std::unique_ptr<Event[]> events(new Event[total]);
+    for (size_t k = 0; k < count; k++) {
+      Camera& camera = cameras_[static_cast<size_t>(which.data()[k])];
+      std::copy(camera.events.begin(), camera.events.end(), events.get() + offsets[k]);
+      // a burst does not keep its memory
+      if (camera.events.capacity() > 65536) std::vector<Event>().swap(camera.events);
+      camera.events.clear();
+    }
+    return nb::make_tuple(owned<Bytes>(std::move(events), total),
+                          owned<Offsets>(std::move(offsets), count + 1));
+  }
+
+ private:
+  struct Camera {
+    BoundCaster* caster = nullptr;
+    BoundPixels* pixels = nullptr;
+    float* luminance = nullptr;
+    size_t world = 0;
+    PixelArrays arrays;
+    int seed = 0;  // of its light's noise
+    int64_t clock_us = 0, ticks = 0, clamped = 0;
+    bool all_due = false;
+    std::vector<Event> events;
+    nb::object keep, state;  // what owns the memory above
+  };
+
+  template <class Kind>
+  static std::optional<Kind> maybe(const nb::dict& state, const char* name) {
+    if (!state.contains(name)) return std::nullopt;
+    return nb::cast<Kind>(state[name], false);
+  }
+  template <class T>
+  static Array<T, 2> needed(const nb::dict& state, const char* name) {
+    require(state.contains(name), "the state lacks an array");
+    return nb::cast<Array<T, 2>>(state[name], false);
+  }
+
+  ThreadPool pool_;
+  std::vector<Camera> cameras_;
+};
+
+}  // namespace
+
+void bind_camera_batch(nb::module_& m) {
+  nb::class_<CameraBatch>(m, "CameraBatch",
+                          "Cameras of many worlds, whose ticks are computed side by side.\n"
+                          "\n"
+                          "Each has its own caster and pixels, made for one thread, or for all of\n"
+                          "them where there are fewer cameras than threads.")
+      .def(nb::init<int>(), nb::kw_only(), nb::arg("threads"),
+           "Args:\n"
+           "    threads: The number of cameras at once; 0 for one per core.")
+      .def("add", &CameraBatch::add, nb::arg("caster"), nb::arg("pixels"),
+           nb::arg("luminance").noconvert(), nb::arg("world"),
+           "Add a camera.\n"
+           "\n"
+           "Args:\n"
+           "    caster: What renders it.\n"
+           "    pixels: Its pixels.\n"
+           "    luminance: (h, w) float32, the array that is passed to `Caster.render`.\n"
+           "    world: The row of its world in the arrays of `step`.\n"
+           "\n"
+           "Returns:\n"
+           "    Its number.")
+      .def("put", &CameraBatch::put, nb::arg("camera"), nb::arg("pixels"), nb::arg("state"),
+           nb::kw_only(), nb::arg("seed"), nb::arg("clock_us"), nb::arg("ticks"),
+           nb::arg("all_due"),
+           "Set a camera's pixels and their state, whose arrays are modified in place from\n"
+           "now on.\n"
+           "\n"
+           "Args:\n"
+           "    camera: Its number.\n"
+           "    pixels: The pixels, of the same size.\n"
+           "    state: The arrays of the state, by the names that `PixelArray.step` takes.\n"
+           "    seed: The seed of its light's noise.\n"
+           "    clock_us, ticks, all_due: As of `PixelArray.step`.")
+      .def("numbers", &CameraBatch::numbers, nb::arg("camera"),
+           "Return clock_us and ticks of a camera, and the pixels clamped since `put`.")
+      .def("step", &CameraBatch::step, nb::arg("which"), nb::arg("geom_pos"), nb::arg("geom_mat"),
+           nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
+           nb::arg("t_begin_us"), nb::arg("tick_us"),
+           "Render a tick of some cameras and step their pixels.\n"
+           "\n"
+           "Args:\n"
+           "    which: (k,) int32, the numbers of the cameras, in order.\n"
+           "    geom_pos, geom_mat: (worlds, ng, 3) and (worlds, ng, 9) float64, world frame.\n"
+           "    light_pos, light_dir: (worlds, nl, 3) float64, world frame.\n"
+           "    camera_pos, camera_mat: (cameras, 3) and (cameras, 9) float64, world frame.\n"
+           "    t_begin_us: (cameras,) int64, the stamp of the tick's start.\n"
+           "    tick_us: The length of the tick.")
+      .def("take_events", &CameraBatch::take_events, nb::arg("which"),
+           "Take the events of some cameras since the last call.\n"
+           "\n"
+           "Args:\n"
+           "    which: (k,) int32, the numbers of the cameras.\n"
+           "\n"
+           "Returns:\n"
+           "    The event bytes, (16 n,) uint8, camera after camera, and (k + 1,) int64,\n"
+           "    where those of each begin.");
+}
+
+}  // namespace evs

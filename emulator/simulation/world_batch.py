@@ -1,0 +1,251 @@
+"""WorldBatch: ticks of many worlds of one model in a few calls, with the bytes of one by one.
+
+MuJoCo steps all physics in one call, and one native call renders all cameras and steps their
+pixels, worlds side by side. A world that is loaded lives here; `settle` puts it back into its
+World.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.emulator import _core
+from evs.emulator.base.scene import F64, I32
+from evs.emulator.base.stamps import later_events
+from evs.emulator.camera.camera import Camera, LentCamera
+from evs.emulator.simulation.world import World
+from evs.emulator.world import Measurements, PhysicsBatch, PoseBatch, UnstableError, why_not_batched
+from evs.msgs import EVENT_DTYPE, Events, EvsError
+
+I64 = npt.NDArray[np.int64]
+
+
+def why_one_by_one(world: World) -> str:
+    """Why twins of this world cannot be stepped as a batch, as a reason; "": they can."""
+    if reason := why_not_batched(world.model):
+        return reason
+    if world.control.needs_data:
+        return "the control is a function of the data"
+    lights = None
+    for camera in world.cameras:
+        lent = camera.lend()
+        if isinstance(lent, str):
+            return f"camera '{camera.name}': {lent}"
+        if lights is not None and not np.array_equal(lights, lent.renderer.lights):
+            return "cameras differ in render.headlight"
+        lights = lent.renderer.lights
+    return "" if world.cameras else "there is no camera yet"
+
+
+class WorldBatch:
+    """Steps twins. Each is in its World, or loaded here."""
+
+    def __init__(
+        self, worlds: Sequence[World], threads: int, measured: Measurements | None = None
+    ) -> None:
+        """Set up; no world is loaded yet.
+
+        Args:
+            worlds: Twins to whose `why_one_by_one` there is no reason.
+            threads: Cameras at once.
+            measured: Where what they measure is written after each tick; None: nowhere.
+        """
+        first = worlds[0]
+        self._worlds, self._tick_us = worlds, first.substeps.tick_us
+        self._start_us = first.start_us
+        count = len(first.cameras)
+        self._measured = measured
+        stage = measured.stage if measured else 0
+        self._physics = PhysicsBatch([world.physics for world in worlds], threads, stage)
+        bounds = [camera.bound for camera in first.cameras]
+        self._poses = PoseBatch(self._physics, first.model, bounds)
+        self._native = _core.CameraBatch(threads=threads)
+        self._lights: npt.NDArray[np.intp] | None = None
+        for place, world in enumerate(worlds):
+            for camera in world.cameras:
+                lent = _lent(camera)
+                array = lent.pixels.model.array(lent.pixels.state.seed)
+                self._native.add(lent.renderer.caster, array, lent.renderer.luminance, place)
+                if len(lent.renderer.lights) < self._poses.light_pos.shape[1]:
+                    self._lights = lent.renderer.lights
+        self._count = count
+        self._numbers = np.arange(len(worlds) * count, dtype=np.int32).reshape(len(worlds), count)
+        """of each world's cameras in the native batch"""
+        self._reads = [_lent(camera).pixels.readout is not None for camera in first.cameras]
+        self._lent: dict[int, list[LentCamera]] = {}
+        """of the worlds that are loaded"""
+        self._ticks = np.zeros(len(worlds), np.int64)
+        """taken since they were"""
+        self._events = np.zeros((len(worlds), count), np.int64)
+        """in them, by camera"""
+        self._places = self._physics.places
+        """one tick ago"""
+        self._read: list[list[list[Events]]] = [[[] for _ in worlds] for _ in range(count)]
+        """by camera and world: read out since `take`"""
+
+    def load(self, world: int) -> None:
+        """Take a world in, if it is not. Its cameras take their reference if they have none."""
+        if world in self._lent:
+            return
+        one = self._worlds[world]
+        one.start_cameras()
+        lent = [_lent(camera) for camera in one.cameras]
+        for number, parts in zip(self._numbers[world].tolist(), lent, strict=True):
+            state = parts.pixels.state
+            state.begin_tick(self._tick_us)
+            self._native.put(
+                number,
+                parts.pixels.model.array(state.seed),
+                state.arrays(),
+                seed=parts.renderer.seed,
+                clock_us=state.clock_us,
+                ticks=state.ticks,
+                all_due=bool(state.all_due),
+            )
+        self._physics.load(world)
+        self._lent[world] = lent
+        self._ticks[world] = 0
+        self._events[world] = 0
+
+    def settle(self, world: int) -> None:
+        """Put a world back into its World, if it is loaded."""
+        lent = self._lent.pop(world, None)
+        if lent is None:
+            return
+        ticks = int(self._ticks[world])
+        for number, parts in zip(self._numbers[world].tolist(), lent, strict=True):
+            state = parts.pixels.state
+            state.clock_us, state.ticks, clamped = self._native.numbers(number)
+            state.clamped += clamped
+            state.all_due = 0 if ticks else state.all_due
+        if not ticks:
+            return
+        self._physics.settle(world)
+        now, before = self._worlds[world].go_on(self._physics.places[world], self._places[world])
+        for place, camera in enumerate(self._worlds[world].cameras):
+            traced = float(lent[place].renderer.caster.traced_fraction)
+            camera.take_back(ticks, int(self._events[world, place]), traced, now, before)
+
+    def has(self, world: int) -> bool:
+        """Whether a world is loaded."""
+        return world in self._lent
+
+    def control(self, world: int, ctrl: F64) -> None:
+        """The controls (nu,) of a loaded world, from now on."""
+        self._physics.ctrl[world] = ctrl
+
+    def t_us(self, world: int) -> int:
+        """The time of a loaded world, us, as its Physics counts it."""
+        return int(self._physics.t_us[world])
+
+    def step(self, which: I32) -> dict[int, UnstableError]:
+        """Take a tick of some worlds, which are loaded.
+
+        Args:
+            which: (k,) int32 their numbers, in order.
+
+        Returns:
+            Why physics broke down, by world; these have not moved.
+
+        Raises:
+            EvsError: More events than memory.
+        """
+        places = self._physics.places
+        failed = self._physics.advance(which)
+        if failed:
+            which = which[~np.isin(which, [*failed])]
+        if self._measured is not None:
+            self._physics.measure(which, self._measured)
+        self._places[which] = places[which]
+        end_us = self._physics.t_us
+        self._poses.update(which, end_us)
+        self._ticks[which] += 1
+        poses, lights = self._poses, self._lights
+        light_pos, light_dir = poses.light_pos, poses.light_dir
+        if lights is not None:
+            light_pos = np.ascontiguousarray(light_pos[:, lights])
+            light_dir = np.ascontiguousarray(light_dir[:, lights])
+        # the readout goes by the world's own time
+        begin_us = np.repeat((end_us - self._tick_us)[:, None], self._count, axis=1)
+        begin_us[:, ~np.array(self._reads, bool)] += self._start_us
+        try:
+            self._native.step(
+                self._numbers[which].reshape(-1),
+                poses.geom_pos,
+                poses.geom_mat,
+                light_pos,
+                light_dir,
+                poses.camera_pos.reshape(-1, 3),
+                poses.camera_mat.reshape(-1, 9),
+                begin_us.reshape(-1),
+                self._tick_us,
+            )
+        except MemoryError:
+            raise EvsError(
+                "the events of a tick do not fit in memory; raise the thresholds"
+            ) from None
+        for camera, read in enumerate(self._reads):
+            if read:
+                self._read_out(camera, which, end_us)
+        return failed
+
+    def _read_out(self, camera: int, which: I32, end_us: I64) -> None:
+        """Pass the events of a tick through the readouts of a camera."""
+        events, offsets = self._take(self._numbers[which, camera])
+        for k, world in enumerate(which.tolist()):
+            pixels = self._lent[world][camera].pixels
+            assert pixels.readout is not None
+            assert pixels.read is not None
+            until_us = int(end_us[world])
+            tick = events[offsets[k] : offsets[k + 1]]
+            out, _ = pixels.readout.step(tick, pixels.read, until_us - self._tick_us, until_us)
+            if len(out):
+                self._read[camera][world].append(later_events(out, self._start_us))
+
+    def take(self, camera: int) -> tuple[Events, I64]:
+        """The events of a camera since the last call.
+
+        Args:
+            camera: Which one of each world.
+
+        Returns:
+            (N,) events, world after world; (n + 1,) where those of each world begin.
+        """
+        if not self._reads[camera]:
+            events, offsets = self._take(np.ascontiguousarray(self._numbers[:, camera]))
+        else:
+            parts = self._read[camera]
+            self._read[camera] = [[] for _ in parts]
+            events, offsets = stacked(
+                [part for world in parts for part in world],
+                [sum(map(len, world)) for world in parts],
+            )
+        self._events[:, camera] += np.diff(offsets)
+        return events, offsets
+
+    def _take(self, numbers: I32) -> tuple[Events, I64]:
+        raw, offsets = self._native.take_events(np.ascontiguousarray(numbers))
+        return raw.view(EVENT_DTYPE), offsets
+
+
+def stacked(parts: Sequence[Events], counts: Sequence[int]) -> tuple[Events, I64]:
+    """Events in one array, and where those of each world begin.
+
+    Args:
+        parts: World after world.
+        counts: How many each world has.
+    """
+    offsets = np.concatenate([[0], np.cumsum(np.array(counts, np.int64))])
+    # as bytes: NumPy's copy of fields leaves the padding out
+    raw = [part.view(np.uint8).reshape(-1) for part in parts]
+    joined = np.concatenate(raw) if raw else np.zeros(0, np.uint8)
+    return joined.view(EVENT_DTYPE), offsets.astype(np.int64)
+
+
+def _lent(camera: Camera) -> LentCamera:
+    lent = camera.lend()
+    assert isinstance(lent, LentCamera), lent
+    return lent

@@ -1,0 +1,483 @@
+"""Worlds: many worlds of one model on one clock each, stepped together."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from threading import Lock
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.emulator.base.scene import F64
+from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
+from evs.emulator.config.plain_values import plain_integer
+from evs.emulator.simulation.world import World
+from evs.emulator.simulation.world_batch import WorldBatch, stacked, why_one_by_one
+from evs.emulator.world import (
+    ControlFunction,
+    Measurements,
+    MjData,
+    MjModel,
+    Scene,
+    UnstableError,
+)
+from evs.msgs import Events, EvsError, StreamInfo
+
+I64 = npt.NDArray[np.int64]
+
+MAX_WORLDS = 65536
+
+SEED_STEP = 65536
+"""From one world's seed to the next one's: the cameras of a world have seeds of their own."""
+
+Start = Callable[[int, MjData], None]
+"""`f(world, data)` puts the data of a world where its episode begins."""
+
+
+@dataclass(frozen=True)
+class WorldsEvents(Sequence[Events]):
+    """What one camera of each world saw: item i is the events of world i, a view."""
+
+    events: Events
+    """(N,) EVENT_DTYPE, world after world"""
+    offsets: I64
+    """(n + 1,) those of world i are events[offsets[i]:offsets[i + 1]]"""
+
+    def __len__(self) -> int:
+        """How many worlds there are."""
+        return len(self.offsets) - 1
+
+    def __getitem__(self, world: Any) -> Any:
+        """(k,) EVENT_DTYPE, those of a world, by time."""
+        number = range(len(self))[world]
+        return self.events[self.offsets[number] : self.offsets[number + 1]]
+
+    @property
+    def counts(self) -> I64:
+        """(n,) how many events each world has."""
+        return np.diff(self.offsets)
+
+
+class Worlds:
+    """Worlds of one model, each with its own state, seed and cameras of the same kind.
+
+        worlds = Worlds("humanoid.xml", 16)
+        worlds.add_camera("track", sensor=SensorConfig(preset="ideal", width=64, height=64))
+        for _ in range(100):
+            (seen,) = worlds.step(controls, ticks=10)     # controls (16, nu)
+            seen[3]                                       # events of world 3
+
+    World i gives the bytes of `World(scene, seed=worlds.seeds[i])`. A world whose physics breaks
+    down ends alone, see `ended`; the others go on. The model is shared: an edit of it shows in
+    every world.
+    """
+
+    def __init__(
+        self,
+        scene: Scene | SceneConfig,
+        count: int,
+        *,
+        tick_us: int = 1000,
+        control: str | ControlFunction = "auto",
+        seed: int = 0,
+        threads: int = 0,
+        limits: Mapping[str, tuple[float, float]] | None = None,
+        sensors: Iterable[str] | None = None,
+    ) -> None:
+        """Load the scene once, and make so many worlds of it.
+
+        Args:
+            scene: As of World.
+            count: How many worlds.
+            tick_us: As of World.
+            control: As of World; a function is called for one world after the other.
+            seed: The seed of world 0; world i has seed + 65536 i.
+            threads: Worlds at once; 0: one a core.
+            limits: Name of a sensor of the model -> (low, high); a world with a reading outside
+                ends.
+            sensors: Names of sensors that `readings` has; None: nothing is measured, but for
+                limits.
+
+        Raises:
+            EvsError: As of World, there is no world, or no such sensor.
+        """
+        count = plain_integer(count, "count")
+        if not 1 <= count <= MAX_WORLDS:
+            raise EvsError(f"count is {count}: give 1 ... {MAX_WORLDS} worlds")
+        threads = plain_integer(threads, "threads")
+        if threads < 0:
+            raise EvsError(f"threads is {threads}; give 0 for one per core, or more")
+        self._threads = threads or len(os.sched_getaffinity(0))
+        # many worlds share the cores between them; few give all of them to each in turn
+        self._side_by_side = count >= self._threads
+        own = 1 if self._side_by_side else self._threads
+        first = World(scene, tick_us=tick_us, control=control, seed=seed, threads=own)
+        self._worlds = [first, *(first.twin() for _ in range(count - 1))]
+        for number, world in enumerate(self._worlds):
+            world.reset(first.seed + SEED_STEP * number)
+        self._batch: WorldBatch | None = None
+        self._reason: str | None = None
+        self._measuring = Lock()
+        self.ended: dict[int, str] = {}
+        """world -> why it ended: its physics broke down, or a limit was left; it stands still until
+        it is reset or restored"""
+        self._measured: Measurements | None = None
+        if limits or sensors is not None:
+            self._measured = Measurements(first.model, count, limits, sensors or ())
+            self._measure(range(count))
+
+    def __len__(self) -> int:
+        """How many worlds there are."""
+        return len(self._worlds)
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.cameras) or "no camera yet"
+        return f"<evs.Worlds: {len(self)} of {names}>"
+
+    def add_camera(
+        self,
+        camera: str | CameraConfig = "",
+        *,
+        sensor: str | SensorConfig = "davis346",
+        render: RenderConfig | None = None,
+        model: ModelConfig | None = None,
+        name: str | None = None,
+    ) -> StreamInfo:
+        """Add a camera to every world.
+
+        Args:
+            camera: As of World.add_camera.
+            sensor: As of World.add_camera.
+            render: As of World.add_camera.
+            model: As of World.add_camera.
+            name: As of World.add_camera.
+
+        Returns:
+            What is constant of its stream in world 0.
+
+        Raises:
+            EvsError: As of World.add_camera, or model.chunk is over 1.
+        """
+        if model is not None and isinstance(model, ModelConfig) and model.chunk > 1:
+            raise EvsError(
+                f"model.chunk is {model.chunk}, but worlds are seen tick by tick: leave it 1"
+            )
+        self._settle(range(len(self)))
+        first, *others = self._worlds
+        made = first.add_camera(camera, sensor=sensor, render=render, model=model, name=name)
+        for world in others:
+            world.add_like(made)
+        self._batch = self._reason = None
+        return made.info
+
+    def step(
+        self, ctrl: npt.ArrayLike | None = None, ticks: int | npt.ArrayLike = 1
+    ) -> tuple[WorldsEvents, ...]:
+        """Advance every world that has not ended.
+
+        Args:
+            ctrl: (n, nu) controls from now on, a row for each world, instead of the control source.
+            ticks: By how many ticks; or (n,) a number for each world, where 0 leaves it alone.
+
+        Returns:
+            The events in these ticks, one a camera.
+
+        Raises:
+            EvsError: The controls have another shape, or are not finite, or ticks are negative or
+                none; no world has moved.
+        """
+        wanted = self._checked_ticks(ticks)
+        if ctrl is not None:
+            self._take_controls(ctrl)
+        self._see_edits()
+        return self._step_one_by_one(wanted) if self.one_by_one else self._step_batch(wanted)
+
+    def _checked_ticks(self, ticks: int | npt.ArrayLike) -> I64:
+        """(n,) ticks of each world."""
+        wanted = np.array(ticks)
+        if wanted.dtype.kind not in "iu" or wanted.shape not in ((), (len(self),)):
+            raise EvsError(f"ticks is {ticks!r}: give a whole number, or one for each world")
+        if (wanted < 0).any() or not (wanted > 0).any():
+            raise EvsError(f"ticks is {ticks!r}: a step is one tick or more")
+        wanted = np.broadcast_to(wanted, (len(self),)).astype(np.int64)
+        wanted[[*self.ended]] = 0
+        return wanted
+
+    def _take_controls(self, ctrl: npt.ArrayLike) -> None:
+        values, shape = np.array(ctrl, np.float64), (len(self), self.model.nu)
+        if values.shape != shape:
+            raise EvsError(
+                f"step(ctrl) got controls of shape {values.shape}: give {shape}, a row for each "
+                "world"
+            )
+        sound = np.isfinite(values).all(axis=1)
+        if not sound.all():
+            raise EvsError(
+                f"step(ctrl) got a control that is not finite, for world {int(np.argmin(sound))}"
+            )
+        for world, row in zip(self._worlds, values, strict=True):
+            world.give(row)
+
+    def _step_batch(self, ticks: I64) -> tuple[WorldsEvents, ...]:
+        if self._batch is None:
+            # with few worlds each has all threads for itself in turn
+            threads = self._threads if self._side_by_side else 1
+            self._batch = WorldBatch(self._worlds, threads, self._measured)
+        batch = self._batch
+        which = np.flatnonzero(ticks).astype(np.int32)
+        led = []
+        for number in which.tolist():
+            batch.load(number)
+            given = self._worlds[number].given
+            if given is None:
+                led.append(number)
+            else:
+                batch.control(number, given)
+        tick = 0
+        while len(which):
+            for number in led:
+                world = self._worlds[number]
+                values = world.control(batch.t_us(number), world.data)
+                if values is not None:
+                    batch.control(number, values)
+            ended = {number: str(reason) for number, reason in batch.step(which).items()}
+            tick += 1
+            going = [number for number in which.tolist() if number not in ended]
+            if self._measured is not None:
+                for number in ended:
+                    self._measured.measure(number, self._worlds[number].data)
+                ended.update(self._measured.left(going))
+            if ended or (ticks[which] == tick).any():
+                self.ended.update(ended)
+                going = [n for n in which.tolist() if n not in ended and ticks[n] > tick]
+                which = np.array(going, np.int32)
+                led = [number for number in led if number in going]
+        return tuple(WorldsEvents(*batch.take(place)) for place in range(len(self.cameras)))
+
+    def _step_one_by_one(self, ticks: I64) -> tuple[WorldsEvents, ...]:
+        def run(number: int) -> tuple[list[list[Events]], str]:
+            world = self._worlds[number]
+            found: list[list[Events]] = [[] for _ in world.cameras]
+            for _ in range(int(ticks[number])):
+                try:
+                    packets = world.step()
+                except UnstableError as reason:
+                    return found, str(reason)
+                for events, packet in zip(found, packets, strict=True):
+                    events.append(packet.events)
+                if self._measured is not None:
+                    with self._measuring:
+                        self._measured.measure(number, world.data)
+                        left = self._measured.left([number])
+                    if left:
+                        return found, left[number]
+            return found, ""
+
+        going = np.flatnonzero(ticks).tolist()
+        # OpenGL belongs to a thread
+        traced = all(camera.features.get("raster") is None for camera in self._worlds[0].cameras)
+        at_once = min(self._threads, len(going)) if self._side_by_side and traced else 1
+        if at_once > 1:
+            with ThreadPoolExecutor(at_once) as pool:
+                results = dict(zip(going, pool.map(run, going), strict=True))
+        else:
+            results = {number: run(number) for number in going}
+        for number, (_, reason) in results.items():
+            if reason:
+                self.ended[number] = reason
+                self._measure([number])
+        seen = []
+        for place in range(len(self.cameras)):
+            parts = [results[n][0][place] if n in results else [] for n in range(len(self))]
+            every = [events for world in parts for events in world]
+            seen.append(WorldsEvents(*stacked(every, [sum(map(len, one)) for one in parts])))
+        return tuple(seen)
+
+    def _measure(self, worlds: Iterable[int]) -> None:
+        """Measure worlds that are not in the batch."""
+        if self._measured is None:
+            return
+        for number in worlds:
+            self._measured.measure(number, self._worlds[number].data)
+
+    def reset(
+        self,
+        seed: int | Sequence[int] | None = None,
+        worlds: Iterable[int] | None = None,
+        *,
+        keyframe: str = "",
+        sensor: str | SensorConfig | None = None,
+        start: Start | None = None,
+    ) -> None:
+        """Put worlds back to their beginning, each as of World.reset.
+
+        Args:
+            seed: One seed, from which every world's follows as at first, or a seed for each of
+                `worlds`; None keeps the last.
+            worlds: Their numbers; None: all.
+            keyframe: As of World.reset.
+            sensor: As of World.reset, for all of `worlds`.
+            start: Puts the MjData of a world into another state.
+
+        Raises:
+            EvsError: As of World.reset, a number that no world has, or another number of seeds.
+        """
+        chosen = self._chosen(worlds)
+        seeds: list[int | None]
+        if seed is None:
+            seeds = [None] * len(chosen)
+        elif isinstance(seed, int | np.integer):
+            seeds = [int(seed) + SEED_STEP * number for number in chosen]
+        else:
+            seeds = [plain_integer(one, "seed") for one in seed]
+            if len(seeds) != len(chosen):
+                raise EvsError(f"{len(seeds)} seeds for {len(chosen)} worlds: give one for each")
+        self._see_edits()
+        self._settle(chosen)
+        for number, one in zip(chosen, seeds, strict=True):
+            self._worlds[number].reset(one, keyframe, sensor)
+            self.ended.pop(number, None)
+            if start is not None:
+                start(number, self._worlds[number].data)
+        self._begin(chosen)
+
+    def _begin(self, worlds: list[int]) -> None:
+        self._measure(worlds)
+        if self._measured is not None:
+            self.ended.update(self._measured.left(worlds))
+
+    def save(self, worlds: Iterable[int] | None = None, compress: bool = False) -> list[bytes]:
+        """Save worlds: each blob is that of World.save, and fits a World or any of these.
+
+        Args:
+            worlds: Their numbers; None: all.
+            compress: As of World.save.
+        """
+        chosen = self._chosen(worlds)
+        self._see_edits()
+        self._settle(chosen)
+        return [self._worlds[number].save(compress) for number in chosen]
+
+    def restore(self, blobs: Sequence[bytes], worlds: Iterable[int] | None = None) -> None:
+        """Go on from what `save` gave, here or elsewhere.
+
+        Args:
+            blobs: One for each of `worlds`.
+            worlds: Their numbers; None: all.
+
+        Raises:
+            EvsError: As of World.restore; worlds before the first that is damaged are restored.
+        """
+        chosen = self._chosen(worlds)
+        if len(blobs) != len(chosen):
+            raise EvsError(f"{len(blobs)} states for {len(chosen)} worlds: give one for each")
+        self._see_edits()
+        self._settle(chosen)
+        for number, blob in zip(chosen, blobs, strict=True):
+            self._worlds[number].restore(blob)
+            self.ended.pop(number, None)
+        self._begin(chosen)
+
+    def world(self, number: int) -> World:
+        """One of the worlds, as it is now, to look at: light, ground truth, physics, counters.
+
+        It must not be stepped; what is changed in it holds from the next `step` on.
+        """
+        (chosen,) = self._chosen([number])
+        self._settle([chosen])
+        return self._worlds[chosen]
+
+    def _chosen(self, worlds: Iterable[int] | None) -> list[int]:
+        if worlds is None:
+            return [*range(len(self))]
+        chosen = [plain_integer(one, "worlds") for one in worlds]
+        for number in chosen:
+            if not 0 <= number < len(self):
+                raise EvsError(f"there is no world {number}: they are 0 ... {len(self) - 1}")
+        if len(set(chosen)) < len(chosen):
+            raise EvsError("worlds names a world twice")
+        return chosen
+
+    def _settle(self, worlds: Iterable[int]) -> None:
+        if self._batch is not None:
+            for number in worlds:
+                self._batch.settle(number)
+
+    def _see_edits(self) -> None:
+        """Show the model as it is now, in every world. Raises EvsError."""
+        scene = self._worlds[0].live_scene
+        if not scene.outdated():
+            return
+        extracted = scene.extract()
+        puts = [world.refreshing(extracted) for world in self._worlds]
+        self._settle(range(len(self)))
+        self._batch = self._reason = None
+        for put in puts:
+            put()
+        scene.taken(extracted)
+
+    @property
+    def one_by_one(self) -> str:
+        """Why the worlds are stepped one after the other, which is slower; "": they are not."""
+        if self._reason is None:
+            # one world alone is stepped as quickly as it can be
+            alone = "there is one world" if len(self) == 1 else ""
+            self._reason = alone or why_one_by_one(self._worlds[0])
+        return self._reason
+
+    @property
+    def model(self) -> MjModel:
+        """The mujoco.MjModel that all share, our own copy, which may be edited."""
+        return self._worlds[0].model
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the cameras, in the order of `step`."""
+        return tuple(camera.name for camera in self._worlds[0].cameras)
+
+    @property
+    def infos(self) -> tuple[StreamInfo, ...]:
+        """What is constant of the cameras' streams in world 0."""
+        return tuple(camera.info for camera in self._worlds[0].cameras)
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """The seed of each world, since its last reset."""
+        return tuple(world.seed for world in self._worlds)
+
+    @property
+    def position(self) -> F64:
+        """(n, actuators) float64, each world's encoders: rad, m, or what a gear makes; a copy."""
+        return self._measurements.position.copy()
+
+    @property
+    def velocity(self) -> F64:
+        """(n, actuators) float64, their change, 1/s of that; a copy."""
+        return self._measurements.velocity.copy()
+
+    @property
+    def readings(self) -> dict[str, F64]:
+        """Readings of the sensors that were named: name -> (n, its dimension) float64, copies."""
+        return self._measurements.readings
+
+    @property
+    def _measurements(self) -> Measurements:
+        if self._measured is None:
+            raise EvsError("nothing is measured: make the worlds with sensors=() or with names")
+        return self._measured
+
+    @property
+    def t_us(self) -> I64:
+        """(n,) simulated time of each world, us."""
+        batch = self._batch
+        return np.array(
+            [
+                world.start_us + batch.t_us(number) if batch and batch.has(number) else world.t_us
+                for number, world in enumerate(self._worlds)
+            ],
+            np.int64,
+        )
