@@ -11,6 +11,7 @@ import operator
 import numpy as np
 import numpy.typing as npt
 
+from evs.emulator import _core
 from evs.msgs import Events, EvsError
 
 F32 = npt.NDArray[np.float32]
@@ -114,8 +115,8 @@ def decayed(stamps: I64, tau_us: float, t_us: int) -> F32:
     if not tau_us > 0.0:
         raise EvsError(f"time_surface: tau_us is {tau_us}: it must be over 0, for example 30000")
     surface = np.zeros(stamps.shape, np.float32)
-    fired = stamps != NEVER
-    surface[fired] = np.exp(-np.maximum(t_us - stamps[fired], 0) / tau_us)
+    flat = np.ascontiguousarray(stamps, np.int64).reshape(-1)
+    _core.decayed(flat, float(tau_us), int(t_us), surface.reshape(-1))
     return surface
 
 
