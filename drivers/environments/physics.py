@@ -32,6 +32,14 @@ def is_gymnasium(env: object) -> bool:
     return gymnasium is not None and isinstance(env, gymnasium.Env)
 
 
+def holds_environments(env: object) -> bool:
+    """Is it a vector environment of Gymnasium whose environments are in this process?"""
+    vector = sys.modules.get("gymnasium.vector")
+    if vector is None or not isinstance(env, vector.VectorEnv):
+        return False
+    return isinstance(getattr(env.unwrapped, "envs", None), list)
+
+
 def find_physics(env: Any) -> tuple[MjModel, MjData]:
     """The model and the data that an environment steps now.
 

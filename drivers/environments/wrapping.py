@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from evs.drivers.environments.event_env import EpisodeCamera, EventEnv
-from evs.drivers.environments.physics import is_gymnasium
+from evs.drivers.environments.physics import holds_environments, is_gymnasium
 from evs.emulator import EventCamera
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.world import MjModel
@@ -34,7 +34,9 @@ def wrap(
 
     For environments of Gymnasium, Gymnasium-Robotics, Metaworld, robosuite and dm_control, also
     wrapped ones. Resets, resets that compile a new model, and episodes that begin in `step` are
-    followed: events then begin anew. In a vector of environments, wrap each of them.
+    followed: events then begin anew. In a gymnasium.vector.SyncVectorEnv every environment gets a
+    camera of its own, `events` has those of environment i as its item i, and `event_cameras` are
+    theirs.
 
     Args:
         env: The environment; its step and reset give what they gave.
@@ -56,6 +58,22 @@ def wrap(
     """
     if every not in EVERY:
         raise EvsError(f"every is {every!r}; give {' or '.join(map(repr, EVERY))}")
+    if holds_environments(env):
+        from evs.drivers.gym.event_vector_wrapper import EventVectorWrapper
+
+        def one(inner: Any, number: int) -> Any:
+            return wrap(
+                inner,
+                camera,
+                every=every,
+                sensor=sensor,
+                render=render,
+                model_config=model_config,
+                seed=seed + number,
+                threads=threads,
+            )
+
+        return EventVectorWrapper(env, one)
 
     def make(model: MjModel) -> EventCamera:
         return EventCamera(

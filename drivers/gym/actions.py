@@ -49,16 +49,16 @@ class Actions:
         """Convert an action to controls.
 
         Args:
-            action: (nu,) numbers, clipped to -1 ... 1.
+            action: (nu,) numbers, clipped to -1 ... 1, or (n, nu) of many.
 
         Returns:
-            (nu,) float64 controls.
+            Float64 controls of that shape.
 
         Raises:
             EvsError: The action has another shape.
         """
         values = np.asarray(action, np.float64)
-        if values.shape != self._middle.shape:
+        if values.ndim not in (1, 2) or values.shape[-1:] != self._middle.shape:
             raise EvsError(
                 f"the action has shape {values.shape}, not {self._middle.shape}: "
                 "give one number for each actuator"

@@ -6,8 +6,9 @@ from evs.msgs import EvsError
 
 try:
     import gymnasium
-    from gymnasium import spaces
+    from gymnasium import spaces, vector
+    from gymnasium.utils import seeding
 except ImportError:
     raise EvsError("Gymnasium is not installed: pip install 'evs[gym]'") from None
 
-__all__ = ["gymnasium", "spaces"]
+__all__ = ["gymnasium", "seeding", "spaces", "vector"]

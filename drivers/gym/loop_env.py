@@ -2,48 +2,34 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.gym.actions import Actions
 from evs.drivers.gym.event_observations import StepEvents, make_event_observation
-from evs.drivers.gym.library import gymnasium, spaces
+from evs.drivers.gym.library import gymnasium
+from evs.drivers.gym.task import Reward, Task, sized
 from evs.drivers.pictures import upscale
 from evs.drivers.run.paths import in_package
 from evs.drivers.run.sensor_ranges import read_ranges
 from evs.emulator import Loop, Observation, View
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
-from evs.emulator.config.plain_values import plain_integer
 from evs.emulator.config.schema import DelayConfig
 from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
-from evs.emulator.simulation.initial_states import Start, begin, check_start
+from evs.emulator.simulation.initial_states import Start, begin
 from evs.emulator.world import NamedSensors, Scene
-from evs.msgs import Events, EvsError, empty_events, join_events, unknown
+from evs.msgs import Events, EvsError, empty_events, join_events
 from evs.msgs.pictures import U8, event_frame, exposure_for, to_srgb8
 
 if TYPE_CHECKING:
     from evs.drivers.viewer.web.live import LivePage
 
-Sensors = dict[str, npt.NDArray[np.float64]]
-"""name of a <sensor> of the model -> its values"""
-
-Reward = Mapping[str, float] | Callable[[Sensors, npt.NDArray[np.float64]], float]
-"""name of a <sensor> -> weight of its length (absolute value, of one number); or a function of all
-named sensors and the control."""
-
 SCENE_PX = (480, 360)
 """width, height of the scene in the picture, px"""
-
-NO_BOUND = float(np.finfo(np.float32).max)
-"""encoders have no bound"""
-
 
 METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 100.0}
 """of ten ticks a step; an environment has its own number"""
@@ -130,7 +116,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         if render_mode is not None and render_mode not in modes:
             raise EvsError(f"render_mode is {render_mode!r}; give None, {' or '.join(modes)}")
         self.render_mode = render_mode
-        sensor = _sized(sensor, size)
+        sensor = sized(sensor, size)
         if isinstance(randomise, str | Path):
             randomise = read_ranges(in_package(str(randomise)))
         self.ranges = SensorRanges(randomise, sensor) if randomise else None
@@ -149,22 +135,27 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             delays=delays,
         )
         world = self.loop.world
-        self._ticks, self._keyframe = _whole_ticks(ticks), keyframe
-        self.metadata = METADATA | {"render_fps": 1e6 / (self._ticks * self.loop.tick_us)}
-        self._max_us = _microseconds(max_s)
-        self._sensors = NamedSensors(world.model)
-        self._reward = _checked_reward(reward or {}, self._sensors.names)
-        if not isinstance(alive, int | float):
-            raise EvsError(f"alive is {alive!r}; give what a step adds, a number")
-        self._alive = float(alive)
-        self._start = check_start(world.model, start or {})
+        self._keyframe = keyframe
         self._views = {
             camera.name: make_event_observation(
                 observation, (camera.info.width, camera.info.height), bins, tau_us, capacity
             )
             for camera in world.cameras
         }
-        self._encoders = encoders
+        self._task = Task(
+            world.model,
+            {name: view.space for name, view in self._views.items()},
+            encoders=encoders,
+            ticks=ticks,
+            tick_us=self.loop.tick_us,
+            max_s=max_s,
+            reward=reward,
+            alive=alive,
+            start=start,
+            ranges=control_range,
+        )
+        self.metadata = METADATA | self._task.metadata
+        self._sensors = NamedSensors(world.model, self._task.sensors)
         self._scene = (
             world.add_view(
                 render_camera,
@@ -175,9 +166,8 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             else None
         )
         self._page: LivePage | None = None
-        self._actions = Actions(self.loop.actuators, self.loop.ctrl_range, control_range)
-        self.action_space = self._actions.space
-        self.observation_space = self._space()
+        self.action_space = self._task.action_space
+        self.observation_space = self._task.observation_space
         self.seen: Observation | None = None
         """the latest observation of the loop: packets with their exact times"""
         self.drawn: DrawnSensor | None = None
@@ -201,22 +191,6 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         twin._views = deepcopy(self._views, memo)
         twin.seen, twin.drawn, twin._events = self.seen, self.drawn, dict(self._events)
         return twin
-
-    def _space(self) -> spaces.Space[Any]:
-        keys = dict(zip(self._keys(), self._views.values(), strict=True))
-        if len(keys) == 1 and not self._encoders:
-            return next(iter(self._views.values())).space
-        found: dict[str, spaces.Space[Any]] = {key: view.space for key, view in keys.items()}
-        if self._encoders:
-            for name in ("position", "velocity"):
-                if name in found:
-                    raise EvsError(f"a camera is called '{name}', as the encoders are: rename it")
-                found[name] = spaces.Box(-NO_BOUND, NO_BOUND, (self.loop.nu,), np.float32)
-        return spaces.Dict(found)
-
-    def _keys(self) -> list[str]:
-        """Keys of the cameras in a Dict: "events" for a single one, else their names."""
-        return ["events"] if len(self._views) == 1 else list(self._views)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -248,7 +222,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self.seen = self.loop.reset(
             noise,
             keyframe,
-            start=lambda data: begin(self._start, self.np_random, data),
+            start=lambda data: begin(self._task.start, self.np_random, data),
             sensor=self.drawn.config if self.drawn else None,
         )
         if self.seen.done:
@@ -275,14 +249,13 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         """
         if self._out_of_time():
             raise EvsError("the episode is over (its time is): call reset")
-        control = self._actions.control(action)
-        left = -(-(self._max_us - self.loop.t_us) // self.loop.tick_us)
-        self.seen = self.loop.step(control, min(self._ticks, left))
+        control = self._task.control(action)
+        self.seen = self.loop.step(control, self._task.ticks_left(self.loop.t_us))
         self._show(self.seen)
         terminated = bool(self.seen.done)
         truncated = not terminated and self._out_of_time()
-        worth = _reward_of(self._reward, self._sensors.read(self.loop.world.data), control)
-        worth += 0.0 if terminated else self._alive
+        readings = self._sensors.read(self.loop.world.data) if self._task.sensors else {}
+        worth = self._task.worth(readings, control, terminated)
         observation, info = self._observed(self.seen)
         return observation, worth, terminated, truncated, info
 
@@ -304,7 +277,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._page.show(seen.packets, seen.t_us)
 
     def _out_of_time(self) -> bool:
-        return self.loop.t_us >= self._max_us
+        return self.loop.t_us >= self._task.max_us
 
     def _observed(self, seen: Observation) -> tuple[Any, dict[str, Any]]:
         """The observation of the agent, and its info."""
@@ -315,20 +288,15 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         begin_us, self._began_us = self._began_us, seen.t_us
         # before the first tick the interval would be empty
         begin_us = min(begin_us, seen.t_us - 1)
-        found: dict[str, Any] = {
-            key: view.observe(StepEvents(self._events[name], begin_us, seen.t_us))
-            for key, (name, view) in zip(self._keys(), self._views.items(), strict=True)
-        }
+        arrays = [
+            view.observe(StepEvents(self._events[name], begin_us, seen.t_us))
+            for name, view in self._views.items()
+        ]
         count = sum(len(events) for events in self._events.values())
         info: dict[str, Any] = {"t_us": seen.t_us, "events": count, "done": seen.done}
         if self.drawn:
             info["sensor"] = dict(self.drawn.values)
-        if len(found) == 1 and not self._encoders:
-            return found["events"], info
-        if self._encoders:
-            found["position"] = seen.position.astype(np.float32)
-            found["velocity"] = seen.velocity.astype(np.float32)
-        return found, info
+        return self._task.observation(arrays, seen.position, seen.velocity), info
 
     def render(self) -> U8 | None:
         """(h, w, 3) uint8 sRGB: scene and events of the last step; None but with rgb_array."""
@@ -339,31 +307,6 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         return _draw(
             self._scene, [(self._events.get(name, none), *size) for name, size in sizes.items()]
         )
-
-
-def _checked_reward(reward: Reward, sensors: tuple[str, ...]) -> Reward:
-    """Return a reward that is possible.
-
-    Raises:
-        EvsError: A sensor does not exist, or a weight is not a finite number.
-    """
-    if callable(reward):
-        return reward
-    if not isinstance(reward, Mapping):
-        raise EvsError(f"reward is {reward!r}; give {{sensor: weight}}, or a function")
-    for name, weight in reward.items():
-        if name not in sensors:
-            raise unknown("sensor", str(name), sensors)
-        if not (isinstance(weight, int | float | np.number) and math.isfinite(weight)):
-            raise EvsError(f"reward['{name}'] is {weight!r}; give its weight, a number")
-    return reward
-
-
-def _reward_of(reward: Reward, sensors: Sensors, control: npt.NDArray[np.float64]) -> float:
-    """Return the reward of a step, without the bonus for being alive."""
-    if callable(reward):
-        return float(reward(sensors, control))
-    return float(sum(weight * np.linalg.norm(sensors[name]) for name, weight in reward.items()))
 
 
 def _draw(scene: View, seen: Sequence[tuple[Events, int, int]]) -> U8:
@@ -394,27 +337,3 @@ def _panel(picture: U8, height_px: int) -> U8:
     top = (height_px - enlarged.shape[0]) // 2
     strip[top : top + enlarged.shape[0]] = enlarged
     return strip
-
-
-def _sized(sensor: str | SensorConfig, size: tuple[int, int] | None) -> SensorConfig:
-    """The sensor with this size, unless its SensorConfig states one."""
-    found = SensorConfig(preset=sensor) if isinstance(sensor, str) else sensor
-    if size is None or not isinstance(found, SensorConfig) or found.width or found.height:
-        return found
-    try:
-        width, height = size
-    except (TypeError, ValueError):
-        raise EvsError(f"size is {size!r}: give (width, height) in px, or None") from None
-    return replace(found, width=width, height=height)
-
-
-def _whole_ticks(ticks: int) -> int:
-    if plain_integer(ticks, "ticks") < 1:
-        raise EvsError(f"ticks is {ticks}: a step is one tick or more")
-    return int(ticks)
-
-
-def _microseconds(max_s: float) -> int:
-    if not (max_s > 0.0 and math.isfinite(max_s)):
-        raise EvsError(f"max_s is {max_s}: give simulated seconds over 0, for example 5.0")
-    return round(max_s * 1e6)

@@ -7,6 +7,7 @@ from typing import Any
 from evs.drivers.gym.library import gymnasium
 
 LOOP_ENV = "evs.drivers.gym.loop_env:LoopEnv"
+LOOP_VECTOR_ENV = "evs.drivers.gym.loop_vector_env:LoopVectorEnv"
 
 ENVIRONMENTS: dict[str, dict[str, Any]] = {
     # a pole on a cart, seen from the cart: 1 for each step that it stands
@@ -36,7 +37,9 @@ def register_all() -> None:
     """Register the environments; those that are registered already stay."""
     for name, arguments in ENVIRONMENTS.items():
         if name not in gymnasium.registry:
-            gymnasium.register(name, entry_point=LOOP_ENV, kwargs=arguments)
+            gymnasium.register(
+                name, entry_point=LOOP_ENV, vector_entry_point=LOOP_VECTOR_ENV, kwargs=arguments
+            )
 
 
 # Gymnasium's way: importing the module registers its environments

@@ -85,9 +85,11 @@ class StackedArrays:
         self._stamps = np.full(shape, NEVER, np.int64) if surface else np.zeros(0, np.int64)
 
     def reset(self, worlds: Iterable[int] | None = None) -> None:
-        """Forget the events of some worlds, or of all: only a time surface remembers any."""
+        """Forget the events of some worlds, or of all: their rows are those of no event."""
+        chosen = slice(None) if worlds is None else [*worlds]
+        self.array[chosen] = 0
         if self.kind == "time_surface":
-            self._stamps[slice(None) if worlds is None else [*worlds]] = NEVER
+            self._stamps[chosen] = NEVER
 
     def encode(
         self, seen: WorldsEvents, begin_us: npt.ArrayLike, end_us: npt.ArrayLike

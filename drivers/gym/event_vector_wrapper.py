@@ -1,0 +1,40 @@
+"""EventVectorWrapper: a vector of environments of another library with a camera in each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from evs.drivers.gym.library import vector
+from evs.emulator import EventCamera
+from evs.emulator.simulation.world_batch import stacked
+from evs.emulator.simulation.worlds import WorldsEvents
+
+
+class EventVectorWrapper(vector.VectorWrapper):
+    """The vector environment, with `events` and `event_cameras`. See evs.wrap."""
+
+    def __init__(
+        self, env: vector.VectorEnv[Any, Any, Any], wrap: Callable[[Any, int], Any]
+    ) -> None:
+        """Put a camera into each environment.
+
+        Args:
+            env: A vector environment that holds its environments in `envs`.
+            wrap: Wraps one of them, the n-th.
+        """
+        super().__init__(env)
+        inner: Any = env.unwrapped
+        inner.envs = [wrap(one, number) for number, one in enumerate(inner.envs)]
+        self._wrapped = inner.envs
+
+    @property
+    def events(self) -> WorldsEvents:
+        """Those of the last step: item i is (n,) EVENT_DTYPE of environment i."""
+        parts = [one.events for one in self._wrapped]
+        return WorldsEvents(*stacked(parts, [len(part) for part in parts]))
+
+    @property
+    def event_cameras(self) -> list[EventCamera]:
+        """The EventCamera of each environment."""
+        return [one.event_camera for one in self._wrapped]

@@ -1,0 +1,195 @@
+"""Task: all of an environment but its worlds, for one of them or many."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.drivers.gym.actions import Actions
+from evs.drivers.gym.library import spaces
+from evs.emulator.config import SensorConfig
+from evs.emulator.config.plain_values import plain_integer
+from evs.emulator.simulation.initial_states import Start, check_start
+from evs.emulator.world import MjModel, NamedSensors, actuator_names, control_range
+from evs.msgs import EvsError, unknown
+
+Sensors = dict[str, npt.NDArray[np.float64]]
+"""name of a <sensor> of the model -> its values"""
+
+Reward = Mapping[str, float] | Callable[[Sensors, npt.NDArray[np.float64]], float]
+"""name of a <sensor> -> weight of its length (absolute value, of one number); or a function of all
+named sensors and the control."""
+
+NO_BOUND = float(np.finfo(np.float32).max)
+"""encoders have no bound"""
+
+
+class Task:
+    """What an agent does, sees and is rewarded for, and how long."""
+
+    def __init__(
+        self,
+        model: MjModel,
+        cameras: Mapping[str, spaces.Box],
+        *,
+        encoders: bool,
+        ticks: int,
+        tick_us: int,
+        max_s: float,
+        reward: Reward | None,
+        alive: float,
+        start: Start | None,
+        ranges: Mapping[str, tuple[float, float]] | None,
+    ) -> None:
+        """Check everything.
+
+        Args:
+            model: The model.
+            cameras: Name of a camera -> the space of its observation.
+            encoders: As of LoopEnv.
+            ticks: As of LoopEnv.
+            tick_us: As of LoopEnv.
+            max_s: As of LoopEnv.
+            reward: As of LoopEnv.
+            alive: As of LoopEnv.
+            start: As of LoopEnv.
+            ranges: LoopEnv's control_range.
+
+        Raises:
+            EvsError: An argument is not possible; the message is one line.
+        """
+        self.ticks, self._tick_us = _whole_ticks(ticks), tick_us
+        self.max_us = _microseconds(max_s)
+        known = NamedSensors(model).names
+        self._reward = _checked_reward(reward or {}, known)
+        self.sensors = known if callable(self._reward) else tuple(self._reward)
+        """the <sensor>s whose readings the reward needs"""
+        if not isinstance(alive, int | float):
+            raise EvsError(f"alive is {alive!r}; give what a step adds, a number")
+        self._alive = float(alive)
+        self.start = check_start(model, start or {})
+        self._actions = Actions(actuator_names(model), control_range(model), ranges)
+        self.action_space = self._actions.space
+        self._encoders = encoders
+        self._cameras = tuple(cameras)
+        self.observation_space = self._space(cameras, int(model.nu))
+
+    def _space(self, cameras: Mapping[str, spaces.Box], nu: int) -> spaces.Space[Any]:
+        keys = dict(zip(self._keys(), cameras.values(), strict=True))
+        if len(keys) == 1 and not self._encoders:
+            return next(iter(cameras.values()))
+        found: dict[str, spaces.Space[Any]] = dict(keys)
+        if self._encoders:
+            for name in ("position", "velocity"):
+                if name in found:
+                    raise EvsError(f"a camera is called '{name}', as the encoders are: rename it")
+                found[name] = spaces.Box(-NO_BOUND, NO_BOUND, (nu,), np.float32)
+        return spaces.Dict(found)
+
+    def _keys(self) -> list[str]:
+        """Keys of the cameras in a Dict: "events" for a single one, else their names."""
+        return ["events"] if len(self._cameras) == 1 else list(self._cameras)
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """What depends on it of an environment's metadata."""
+        return {"render_fps": 1e6 / (self.ticks * self._tick_us)}
+
+    @property
+    def measures(self) -> bool:
+        """Whether readings of sensors or encoders are needed."""
+        return bool(self.sensors) or self._encoders
+
+    def control(self, action: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Controls of an action (nu,), or of many (n, nu). EvsError: it has another shape."""
+        return self._actions.control(action)
+
+    def ticks_left(self, t_us: int) -> int:
+        """How many ticks the step takes that begins at t_us: fewer where the time is over."""
+        return min(self.ticks, -(-(self.max_us - t_us) // self._tick_us))
+
+    def worth(self, readings: Sensors, control: npt.NDArray[np.float64], terminated: bool) -> float:
+        """The reward of a step.
+
+        Args:
+            readings: Of `sensors`, at its end.
+            control: (nu,) in it.
+            terminated: Whether it ended the episode.
+        """
+        worth = _reward_of(self._reward, readings, control)
+        return worth + (0.0 if terminated else self._alive)
+
+    def observation(
+        self,
+        events: Iterable[npt.NDArray[Any]],
+        position: npt.NDArray[np.float64] | None,
+        velocity: npt.NDArray[np.float64] | None,
+    ) -> Any:
+        """What the agent is given.
+
+        Args:
+            events: The array of each camera.
+            position: Of the encoders, if they are wanted.
+            velocity: Of the encoders, if they are wanted.
+        """
+        found = dict(zip(self._keys(), events, strict=True))
+        if self._encoders and position is not None and velocity is not None:
+            found["position"] = position.astype(np.float32)
+            found["velocity"] = velocity.astype(np.float32)
+        elif len(found) == 1:
+            return found["events"]
+        return found
+
+
+def sized(sensor: str | SensorConfig, size: tuple[int, int] | None) -> SensorConfig:
+    """The sensor with this size, unless its SensorConfig states one."""
+    found = SensorConfig(preset=sensor) if isinstance(sensor, str) else sensor
+    if size is None or not isinstance(found, SensorConfig) or found.width or found.height:
+        return found
+    try:
+        width, height = size
+    except (TypeError, ValueError):
+        raise EvsError(f"size is {size!r}: give (width, height) in px, or None") from None
+    return replace(found, width=width, height=height)
+
+
+def _checked_reward(reward: Reward, sensors: tuple[str, ...]) -> Reward:
+    """Return a reward that is possible.
+
+    Raises:
+        EvsError: A sensor does not exist, or a weight is not a finite number.
+    """
+    if callable(reward):
+        return reward
+    if not isinstance(reward, Mapping):
+        raise EvsError(f"reward is {reward!r}; give {{sensor: weight}}, or a function")
+    for name, weight in reward.items():
+        if name not in sensors:
+            raise unknown("sensor", str(name), sensors)
+        if not (isinstance(weight, int | float | np.number) and math.isfinite(weight)):
+            raise EvsError(f"reward['{name}'] is {weight!r}; give its weight, a number")
+    return reward
+
+
+def _reward_of(reward: Reward, sensors: Sensors, control: npt.NDArray[np.float64]) -> float:
+    """Return the reward of a step, without the bonus for being alive."""
+    if callable(reward):
+        return float(reward(sensors, control))
+    return float(sum(weight * np.linalg.norm(sensors[name]) for name, weight in reward.items()))
+
+
+def _whole_ticks(ticks: int) -> int:
+    if plain_integer(ticks, "ticks") < 1:
+        raise EvsError(f"ticks is {ticks}: a step is one tick or more")
+    return int(ticks)
+
+
+def _microseconds(max_s: float) -> int:
+    if not (max_s > 0.0 and math.isfinite(max_s)):
+        raise EvsError(f"max_s is {max_s}: give simulated seconds over 0, for example 5.0")
+    return round(max_s * 1e6)
