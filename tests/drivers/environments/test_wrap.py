@@ -221,8 +221,32 @@ def test_gymnasium_sees_a_wrapper() -> None:
     vector.reset(seed=[3, 4])
     vector.step(np.zeros((2, 1)))
     assert [len(events) > 0 for events in vector.get_attr("events")] == [True, True]
-    with pytest.raises(EvsError, match=r"vector of environments: wrap each.*wrappers=\[evs.wrap\]"):
-        evs.wrap(vector)
+
+
+def test_a_vector_has_the_events_of_each_of_its_environments() -> None:
+    vector = wrapped(gymnasium.vector.SyncVectorEnv([Ball] * 3), seed=5)
+    assert isinstance(vector, gymnasium.vector.VectorEnv)
+    vector.reset(seed=[3, 4, 4])
+    vector.step(np.zeros((3, 1)))
+    for number in range(3):
+        alone = wrapped(Ball(), seed=5 + number)
+        alone.reset(seed=[3, 4, 4][number])
+        alone.step(np.zeros(1))
+        assert len(alone.events)
+        assert vector.events[number].tobytes() == alone.events.tobytes()
+    assert vector.events.counts.sum() == len(vector.events.events)
+    assert len(vector.event_cameras) == 3
+    # every episode begins anew where the vector resets by itself
+    assert vector.events[1].tobytes() != vector.events[0].tobytes()
+
+
+def test_a_vector_of_processes_is_wrapped_before_they_start() -> None:
+    vector = gymnasium.vector.AsyncVectorEnv([Ball])
+    try:
+        with pytest.raises(EvsError, match=r"of environments: wrap each.*wrappers=\[evs.wrap\]"):
+            evs.wrap(vector)
+    finally:
+        vector.close()
 
 
 def test_everything_else_is_the_environments() -> None:
