@@ -1,6 +1,6 @@
 # The commands of this project. Any make will do; `make` alone lists them.
 .POSIX:
-.PHONY: help demo test check bench docs dev stubs format sanitize versions wheel wheels clean
+.PHONY: help demo test check campaign bench docs dev stubs format sanitize versions wheel wheels clean
 
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
@@ -15,9 +15,14 @@ test:
 	@sh .ci/setup.sh
 	@sh .ci/tests.sh "not slow and not statistical and not extremes and not integration and not bench"
 
-# make check     format, lint, types, sanitisers, versions, a wheel, then every test but the timings: CI
+# make check     format, lint, types, sanitisers, versions, a wheel, then all tests that take less than minutes: CI
 check:
 	@sh .ci/check.sh
+
+# make campaign  what takes minutes a test: many thousands of damaged files, a million resets, ...
+campaign:
+	@sh .ci/setup.sh
+	@sh .ci/tests.sh campaign
 
 # make docs      the site, in build/docs
 docs:

@@ -53,6 +53,7 @@ def test_frames_hold_it_too(tracker: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.campaign
 def test_it_stands_for_half_a_minute() -> None:
     # from 20 starts: evs loop pencil --table
     experiment = PencilExperiment("events")
@@ -207,6 +208,7 @@ def test_the_command_measures_films_and_refuses(
 
 
 @pytest.mark.slow
+@pytest.mark.campaign
 def test_a_rehearsal_of_the_table(tmp_path: Path) -> None:
     file = tmp_path / "table.json"
     assert main(["loop", "pencil", "--table", str(file), "--quick", "--quiet"]) == 0

@@ -143,6 +143,7 @@ def test_a_mistake_is_one_line_and_exit_code_2(
 
 
 @pytest.mark.slow
+@pytest.mark.campaign
 @EVERY
 def test_a_mistake_in_a_process_of_its_own(folder: Path, words: list[str], said: list[str]) -> None:
     before = sorted(folder.rglob("*"))

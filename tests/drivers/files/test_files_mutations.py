@@ -53,7 +53,7 @@ KINDS = [
     ("nmnist.bin", "none"),
 ]
 QUICK = 120
-LONG = 6_000
+LONG, VERY_LONG = 300, 6_000
 """Of each kind."""
 
 
@@ -201,11 +201,12 @@ def test_a_changed_file_is_read_or_refused(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("rounds", [LONG, pytest.param(VERY_LONG, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_very_many_changed_files_are_read_or_refused(
-    kind: tuple[str, str], originals: dict[tuple[str, str], bytes]
+    kind: tuple[str, str], rounds: int, originals: dict[tuple[str, str], bytes]
 ) -> None:
-    for seed in range(LONG):
+    for seed in range(rounds):
         data = changed_by(Random(seed), originals[kind])
         try:
             survives(kind[0], data)

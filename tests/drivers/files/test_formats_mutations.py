@@ -42,7 +42,7 @@ KINDS = {
     "rosbag1": "a.bag",
     "database": "a.db3",
 }
-QUICK = 30
+QUICK = 60
 LONG = 4000
 ROOM = 48 << 20
 """Bytes that a reader may take, over twice the file and what its events themselves need: a piece
@@ -127,6 +127,7 @@ def test_a_changed_file_is_read_or_refused(
 
 
 @pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=LONG, deadline=5000, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())

@@ -153,7 +153,7 @@ def test_a_stream_goes_on_from_where_it_was_saved(case: tuple[Network, str], run
 @pytest.mark.parametrize("runtime", RUNTIMES)
 def test_over_many_networks_only_ties_differ(runtime: str) -> None:
     found = []
-    for seed in range(4):
+    for seed in range(2):
         light = mixed_light(320, seed)
         for channels, biased, look_ahead in (
             (8, False, 0),
@@ -167,7 +167,7 @@ def test_over_many_networks_only_ties_differ(runtime: str) -> None:
             found.append(compare(reference, run(reference, light), run(other, light)))
     assert max(one.current_error for one in found) < ROUNDING
     assert sum(one.untied + one.misplaced for one in found) == 0
-    # there are ties among two million events
+    # there are ties among a million events
     events = sum(one.events for one in found)
-    assert events > 2_000_000
+    assert events > 1_000_000
     assert 0 < sum(one.unpaired for one in found) < 1e-4 * events

@@ -63,12 +63,23 @@ def test_an_unknown_group_is_refused_before_anything_runs() -> None:
     assert not done
 
 
+MINUTES = ("a-million-resets", "a-day")
+"""cases that take them"""
+
+
 @pytest.mark.extremes
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "case",
-    [case for group in GROUPS for case in cases_of(group)],
-    ids=lambda case: f"{case.group}-{case.name}",
+    [
+        pytest.param(
+            case,
+            marks=[pytest.mark.campaign] if case.name in MINUTES else [],
+            id=f"{case.group}-{case.name}",
+        )
+        for group in GROUPS
+        for case in cases_of(group)
+    ],
 )
 def test_a_stress_case_keeps_its_bound(case: StressCase) -> None:
     result = run_case(case)
