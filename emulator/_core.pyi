@@ -340,6 +340,74 @@ class Caster:
         hybrid the nodes and bytes of its cache, and the paths traced for them.
         """
 
+class EventArrays:
+    """
+    Events of many worlds as dense arrays, written side by side.
+
+    Each method takes the event bytes (16 n,) uint8, world after world, and offsets
+    (worlds + 1,) int64, where those of each world begin.
+    """
+
+    def __init__(self, *, threads: int) -> None:
+        """
+        Args:
+            threads: The number of worlds at once; 0 for one per core.
+        """
+
+    def voxel_grid(self, events: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], offsets: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], begin_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], end_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], limit: float, out: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None, None), order='C', device='cpu')]) -> None:
+        """
+        Write voxel grids.
+
+        Args:
+            events, offsets: The events.
+            begin_us, end_us: (worlds,) int64, the time that the bins divide.
+            limit: The largest value.
+            out: (worlds, bins, h, w) float32, the output.
+        """
+
+    def event_frame(self, events: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], offsets: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], out: Annotated[NDArray[numpy.uint8], dict(shape=(None, None, None, None), order='C', device='cpu')]) -> None:
+        """
+        Write event frames.
+
+        Args:
+            events, offsets: The events.
+            out: (worlds, 2, h, w) uint8, the output; 255 is that or more.
+        """
+
+    def time_surface(self, events: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], offsets: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], stamps: Annotated[NDArray[numpy.int64], dict(shape=(None, None, None, None), order='C', device='cpu')], tau_us: float, t_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], out: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None, None), order='C', device='cpu')]) -> None:
+        """
+        Write time surfaces.
+
+        Args:
+            events, offsets: The events.
+            stamps: (worlds, 2, h, w) int64, when each pixel last fired; modified in
+                place.
+            tau_us: The time constant.
+            t_us: (worlds,) int64, from when they are seen.
+            out: (worlds, 2, h, w) float32, the output.
+        """
+
+    def packet(self, events: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], offsets: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], t_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], out: Annotated[NDArray[numpy.int32], dict(shape=(None, None, None), order='C', device='cpu')]) -> None:
+        """
+        Write padded packets.
+
+        Args:
+            events, offsets: The events.
+            t_us: (worlds,) int64, what stamps are counted from.
+            out: (worlds, capacity, 4) int32, the output.
+        """
+
+def decayed(stamps: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], tau_us: float, t_us: int, out: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu')]) -> None:
+    """
+    Write a time surface of latest stamps.
+
+    Args:
+        stamps: (n,) int64, us; the smallest int64 where there never was an event.
+        tau_us: The time constant.
+        t_us: From when it is seen.
+        out: (n,) float32, the output.
+    """
+
 def events_fit(raw: bytes | memoryview, base_us: int, end_us: int, width: int, height: int) -> bool:
     """
     Return whether the bytes are valid events.

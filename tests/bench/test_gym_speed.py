@@ -39,7 +39,7 @@ def bare_steps(name: str) -> Callable[[], object]:
     def run() -> None:
         env.reset(seed=1)
         for action in actions:
-            env.loop.step(env._actions.control(action), 10)
+            env.loop.step(env._task.control(action), 10)
 
     return run
 

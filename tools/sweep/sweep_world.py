@@ -78,9 +78,11 @@ class SweepWorld(World):
         )
         self._moved = camera_motion(motion, camera.bound.model)
 
-    def _add(self, plan: Any, config: dict[str, Any] | None) -> Camera:
+    def _add(
+        self, plan: Any, config: dict[str, Any] | None, like: Camera | None = None
+    ) -> Camera:
         if self._method is None:
-            return super()._add(plan, config)
+            return super()._add(plan, config, like)
         camera = FramesCamera(
             self._method,
             self.model,
