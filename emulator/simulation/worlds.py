@@ -31,6 +31,9 @@ I64 = npt.NDArray[np.int64]
 
 MAX_WORLDS = 65536
 
+MAX_TICKS = 1_000_000
+"""of a step, whose events are in memory at once"""
+
 SEED_STEP = 65536
 """From one world's seed to the next one's: the cameras of a world have seeds of their own."""
 
@@ -203,6 +206,8 @@ class Worlds:
             raise EvsError(f"ticks is {ticks!r}: give a whole number, or one for each world")
         if (wanted < 0).any() or not (wanted > 0).any():
             raise EvsError(f"ticks is {ticks!r}: a step is one tick or more")
+        if (wanted > MAX_TICKS).any():
+            raise EvsError(f"ticks is {ticks!r}: a step has {MAX_TICKS} ticks at most")
         wanted = np.broadcast_to(wanted, (len(self),)).astype(np.int64)
         wanted[[*self.ended]] = 0
         return wanted

@@ -62,6 +62,7 @@ class PhysicsBatch:
         self._stage = max(int(stage), mujoco.mjtStage.mjSTAGE_POS.value)
         self._error: type[Exception] = SimulationError
         self._worlds, self._substeps = worlds, worlds[0].substeps
+        self._model = worlds[0].model
         self._batch: Any = Batch(worlds[0].model, len(worlds), threads, persistent=True)
         self.state: F64 = self._batch.state
         """(n, mjSTATE_INTEGRATION) what the next tick of each world follows from"""
@@ -127,6 +128,8 @@ class PhysicsBatch:
         self._before[which] = self.state[which]
         # counts begin at 1, so that MuJoCo prints nothing: see Physics
         self._warnings[:] = SILENT
+        # the batch has a copy, and takes edits of the model only so
+        self._batch.set_models(self._model)
         everyone = len(which) == len(self._worlds)
         failed: set[int] = set()
         try:
