@@ -20,5 +20,5 @@ mkdir -p $place/run
 import re, sys
 print("\n".join(re.findall(r"^```python\n(.*?)^```", open(sys.argv[1]).read(), re.DOTALL | re.MULTILINE)))
 END
-[ "${1:-}" != short ] || sed -i 's/learn(20_000)/learn(2_000)/' $place/run/learners.py
+[ "${1:-}" != short ] || sed -i 's/learn(40_000)/learn(4_000)/' $place/run/learners.py
 cd $place/run && PYTHONPATH=$checkout/build/ns exec ../bin/python learners.py

@@ -39,6 +39,7 @@ DOORS = {
     "optax": ("tools/training/",),
     "onnxruntime": ("emulator/evsnet/session.py",),
     "gymnasium": ("drivers/gym/",),
+    "stable_baselines3": ("drivers/gym/stable_baselines.py",),
     "ray": ("tools/jobs/ray_cluster.py",),
     "argcomplete": ("launch/support/completion.py",),
     "pytest": ("tools/testing/plugin.py",),
@@ -203,8 +204,8 @@ def test_every_library_behind_a_door_is_a_declared_requirement(checkout: Path) -
     extras = project["optional-dependencies"]
     declared = project["dependencies"] + [r for name in EXTRAS for r in extras[name]]
     names = {re.split(r"[^\w-]", requirement)[0].replace("-", "_") for requirement in declared}
-    # pyrender brings its own OpenGL, and pytest is there when it loads its plugin
-    names |= {"PyOpenGL", "pytest"}
+    # pyrender brings its own OpenGL, pytest and Stable-Baselines3 are there when they load ours
+    names |= {"PyOpenGL", "pytest", "stable_baselines3"}
     packages = {"PIL": "pillow", "zmq": "pyzmq", "OpenGL": "PyOpenGL", "rerun": "rerun_sdk"}
     packages |= {"foxglove": "foxglove_sdk"}
     packages |= {"pyrender": "pyrender2"}
