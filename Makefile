@@ -23,6 +23,7 @@ check:
 campaign:
 	@sh .ci/setup.sh
 	@sh .ci/tests.sh campaign
+	@sh .ci/sanitize.sh wide
 
 # make docs      the site, in build/docs
 docs:
