@@ -37,7 +37,7 @@ class CameraBatch:
             Its number.
         """
 
-    def put(self, camera: int, pixels: object, state: dict, *, seed: int, clock_us: int, ticks: int, all_due: bool) -> None:
+    def put(self, camera: int, pixels: object, state: dict, *, seed: int, clock_us: int, tick_us: int, ticks: int, all_due: bool) -> None:
         """
         Set a camera's pixels and their state, whose arrays are modified in place from
         now on.
@@ -48,11 +48,12 @@ class CameraBatch:
             state: The arrays of the state, by the names that `PixelArray.step` takes.
             seed: The seed of its light's noise.
             clock_us, ticks, all_due: As of `PixelArray.step`.
+            tick_us: The length of the last tick.
         """
 
     def numbers(self, camera: int) -> tuple:
         """
-        Return clock_us and ticks of a camera, and the pixels clamped since `put`.
+        Return clock_us, tick_us and ticks of a camera, and the pixels clamped since `put`.
         """
 
     def step(self, which: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], t_begin_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], tick_us: int) -> None:

@@ -68,6 +68,8 @@ class LentCamera(NamedTuple):
 
     renderer: LentRenderer
     pixels: LentPixels
+    viewpoint: Viewpoint
+    """what it sees from"""
 
 
 class Camera:
@@ -365,35 +367,32 @@ class Camera:
         if isinstance(light, str):
             return light
         pixels = self._pixels.lend()
-        return pixels if isinstance(pixels, str) else LentCamera(light, pixels)
+        return pixels if isinstance(pixels, str) else LentCamera(light, pixels, self._viewpoint)
 
     def take_back(
         self,
+        lent: LentCamera,
         ticks: int,
         events: int,
-        traced: float,
         now: SceneSnapshot,
-        previous: SceneSnapshot | None,
+        previous: SceneSnapshot,
     ) -> None:
         """Go on after ticks that a batch has stepped.
 
         Args:
+            lent: What `lend` gave.
             ticks: How many.
             events: In them.
-            traced: Share of the pixels that the last of them traced.
             now: The world at their end.
             previous: One tick before.
         """
         self._seq += ticks
         self._seen += ticks
         self.events += events
-        self._t_us, self._traced = now.t_us, traced
-        lent = self.lend()
-        assert isinstance(lent, LentCamera)
-        self._luminance, self._seen_from = lent.renderer.luminance, self._viewpoint
+        self._t_us, self._traced = now.t_us, float(lent.renderer.caster.traced_fraction)
+        self._luminance, self._seen_from = lent.renderer.luminance, lent.viewpoint
         self._now = now, now.cameras[self.place]
-        if previous is not None:
-            self._previous = previous, previous.cameras[self.place]
+        self._previous = previous, previous.cameras[self.place]
 
     @property
     def identity(self) -> dict[str, Any]:

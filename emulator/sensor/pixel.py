@@ -157,7 +157,9 @@ class PlainModel:
         """
         check_tick(self.sensor, luminance, state, t_begin_us, t_end_us)
         tick_us = t_end_us - t_begin_us
-        state.begin_tick(tick_us)
+        if state.due_us is not None and tick_us != state.tick_us:
+            # filters that stand still in short ticks may move in a longer one
+            state.due_us[:] = state.clock_us
         pixels = self.array(state.seed)
         reads = None if self._row_reads is None else self._row_reads.within(t_begin_us, t_end_us)
         try:
@@ -182,6 +184,7 @@ class PlainModel:
         state.all_due = 0
         state.clamped += clamped
         state.clock_us += tick_us
+        state.tick_us = tick_us
         state.ticks += 1
         return raw.view(EVENT_DTYPE), state
 
@@ -417,13 +420,6 @@ class PlainState:
         add(terms.skips, blocks, "due_us", "since_us")
         add(terms.shot_noise, blocks, "shot_next", "shot_count")
         return state
-
-    def begin_tick(self, tick_us: int) -> None:
-        """A tick of this length comes next, us."""
-        if self.due_us is not None and tick_us != self.tick_us:
-            # filters that stand still in short ticks may move in a longer one
-            self.due_us[:] = self.clock_us
-        self.tick_us = tick_us
 
     @property
     def clamps(self) -> int:

@@ -125,6 +125,8 @@ class World:
         self._bounds: list[BoundCamera] = []
         """of cameras and views, in the order of a snapshot's poses"""
         self._digest = ModelDigest(model)
+        self._twins: list[World] = [self]
+        """those that share the model, this one too"""
 
     def __repr__(self) -> str:
         cameras = ", ".join(camera.name for camera in self._cameras) or "no camera yet"
@@ -154,6 +156,8 @@ class World:
         other._taker = SnapshotTaker(self.model)
         other._history = SnapshotHistory(other._taker)
         other._cameras, other._view_refs, other._bounds = [], [], []
+        other._twins = self._twins
+        self._twins.append(other)
         return other
 
     def add_like(self, camera: Camera) -> Camera:
@@ -271,15 +275,13 @@ class World:
         if not self._scene.outdated():
             return
         scene = self._scene.extract()
-        self.refreshing(scene)()
+        puts = [world._refreshing(scene) for world in self._twins]
+        for put in puts:
+            put()
         self._scene.taken(scene)
 
-    def refreshing(self, scene: SceneModel) -> Callable[[], None]:
-        """Build what sees the edited model; the function that is returned puts it in place.
-
-        Raises:
-            EvsError: It cannot be shown.
-        """
+    def _refreshing(self, scene: SceneModel) -> Callable[[], None]:
+        """Build what sees the edited model; the function that is returned puts it in place."""
         seers: list[Camera | View] = [*self._cameras, *self._views]
         puts = [one.refreshing(scene) for one in seers]
 
@@ -291,6 +293,12 @@ class World:
             self._taker.fit(self._bounds)
 
         return put
+
+    @property
+    def revision(self) -> int:
+        """How often edits of the model were shown, those until now included. Raises EvsError."""
+        self._see_edits()
+        return self._scene.revision
 
     def save(self, compress: bool = False) -> bytes:
         """Save everything that the next tick follows from, of physics and cameras.
@@ -531,11 +539,6 @@ class World:
     def control(self) -> ControlSource:
         """What gives the controls where `step` was given none."""
         return self._control
-
-    @property
-    def live_scene(self) -> LiveScene:
-        """Its scene, and whether the model was edited since."""
-        return self._scene
 
     @property
     def model(self) -> MjModel:

@@ -95,13 +95,13 @@ class WorldBatch:
         lent = [_lent(camera) for camera in one.cameras]
         for number, parts in zip(self._numbers[world].tolist(), lent, strict=True):
             state = parts.pixels.state
-            state.begin_tick(self._tick_us)
             self._native.put(
                 number,
                 parts.pixels.model.array(state.seed),
                 state.arrays(),
                 seed=parts.renderer.seed,
                 clock_us=state.clock_us,
+                tick_us=state.tick_us,
                 ticks=state.ticks,
                 all_due=bool(state.all_due),
             )
@@ -118,7 +118,7 @@ class WorldBatch:
         ticks = int(self._ticks[world])
         for number, parts in zip(self._numbers[world].tolist(), lent, strict=True):
             state = parts.pixels.state
-            state.clock_us, state.ticks, clamped = self._native.numbers(number)
+            state.clock_us, state.tick_us, state.ticks, clamped = self._native.numbers(number)
             state.clamped += clamped
             state.all_due = 0 if ticks else state.all_due
         if not ticks:
@@ -126,8 +126,7 @@ class WorldBatch:
         self._physics.settle(world)
         now, before = self._worlds[world].go_on(self._physics.places[world], self._places[world])
         for place, camera in enumerate(self._worlds[world].cameras):
-            traced = float(lent[place].renderer.caster.traced_fraction)
-            camera.take_back(ticks, int(self._events[world, place]), traced, now, before)
+            camera.take_back(lent[place], ticks, int(self._events[world, place]), now, before)
 
     def has(self, world: int) -> bool:
         """Whether a world is loaded."""

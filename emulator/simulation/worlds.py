@@ -24,6 +24,7 @@ from evs.emulator.world import (
     MjModel,
     Scene,
     UnstableError,
+    has_callbacks,
 )
 from evs.msgs import Events, EvsError, StreamInfo
 
@@ -122,6 +123,7 @@ class Worlds:
         self._worlds = [first, *(first.twin() for _ in range(count - 1))]
         for number, world in enumerate(self._worlds):
             world.reset(first.seed + SEED_STEP * number)
+        self._revision = first.revision
         self._batch: WorldBatch | None = None
         self._reason: str | None = None
         self._measuring = Lock()
@@ -131,7 +133,7 @@ class Worlds:
         self._measured: Measurements | None = None
         if limits or sensors is not None:
             self._measured = Measurements(first.model, count, limits, sensors or ())
-            self._measure(range(count))
+            self._begin([*range(count)])
 
     def __len__(self) -> int:
         """How many worlds there are."""
@@ -197,11 +199,17 @@ class Worlds:
         if ctrl is not None:
             self._take_controls(ctrl)
         self._see_edits()
-        return self._step_one_by_one(wanted) if self.one_by_one else self._step_batch(wanted)
+        if self.one_by_one or has_callbacks():
+            self._settle(range(len(self)))
+            return self._step_one_by_one(wanted)
+        return self._step_batch(wanted)
 
     def _checked_ticks(self, ticks: int | npt.ArrayLike) -> I64:
         """(n,) ticks of each world."""
-        wanted = np.array(ticks)
+        try:
+            wanted = np.array(ticks)
+        except ValueError:
+            wanted = np.array(None)
         if wanted.dtype.kind not in "iu" or wanted.shape not in ((), (len(self),)):
             raise EvsError(f"ticks is {ticks!r}: give a whole number, or one for each world")
         if (wanted < 0).any() or not (wanted > 0).any():
@@ -213,7 +221,11 @@ class Worlds:
         return wanted
 
     def _take_controls(self, ctrl: npt.ArrayLike) -> None:
-        values, shape = np.array(ctrl, np.float64), (len(self), self.model.nu)
+        shape = (len(self), self.model.nu)
+        try:
+            values = np.array(ctrl, np.float64)
+        except (TypeError, ValueError):
+            raise EvsError(f"step(ctrl) got no numbers: give {shape} of them") from None
         if values.shape != shape:
             raise EvsError(
                 f"step(ctrl) got controls of shape {values.shape}: give {shape}, a row for each "
@@ -283,9 +295,7 @@ class Worlds:
             return found, ""
 
         going = np.flatnonzero(ticks).tolist()
-        # OpenGL belongs to a thread
-        traced = all(camera.features.get("raster") is None for camera in self._worlds[0].cameras)
-        at_once = min(self._threads, len(going)) if self._side_by_side and traced else 1
+        at_once = min(self._threads, len(going)) if self._may_run_at_once else 1
         if at_once > 1:
             with ThreadPoolExecutor(at_once) as pool:
                 results = dict(zip(going, pool.map(run, going), strict=True))
@@ -301,6 +311,14 @@ class Worlds:
             every = [events for world in parts for events in world]
             seen.append(WorldsEvents(*stacked(every, [sum(map(len, one)) for one in parts])))
         return tuple(seen)
+
+    @property
+    def _may_run_at_once(self) -> bool:
+        """Whether worlds may be stepped by several threads of Python."""
+        first = self._worlds[0]
+        # OpenGL belongs to a thread, and a control function of the caller's knows of none
+        traced = all(camera.features.get("raster") is None for camera in first.cameras)
+        return self._side_by_side and traced and not first.control.needs_data
 
     def _measure(self, worlds: Iterable[int]) -> None:
         """Measure worlds that are not in the batch."""
@@ -335,8 +353,8 @@ class Worlds:
         seeds: list[int | None]
         if seed is None:
             seeds = [None] * len(chosen)
-        elif isinstance(seed, int | np.integer):
-            seeds = [int(seed) + SEED_STEP * number for number in chosen]
+        elif not isinstance(seed, Iterable):
+            seeds = [plain_integer(seed, "seed") + SEED_STEP * number for number in chosen]
         else:
             seeds = [plain_integer(one, "seed") for one in seed]
             if len(seeds) != len(chosen):
@@ -393,12 +411,17 @@ class Worlds:
         It must not be stepped; what is changed in it holds from the next `step` on.
         """
         (chosen,) = self._chosen([number])
-        self._settle([chosen])
+        self._see_edits()
+        if self._batch is not None and self._batch.has(chosen):
+            self._batch.settle(chosen)
+            self._worlds[chosen].physics.update()
         return self._worlds[chosen]
 
     def _chosen(self, worlds: Iterable[int] | None) -> list[int]:
         if worlds is None:
             return [*range(len(self))]
+        if not isinstance(worlds, Iterable):
+            raise EvsError(f"worlds is {worlds!r}: give the numbers of several, such as [0, 2]")
         chosen = [plain_integer(one, "worlds") for one in worlds]
         for number in chosen:
             if not 0 <= number < len(self):
@@ -414,16 +437,11 @@ class Worlds:
 
     def _see_edits(self) -> None:
         """Show the model as it is now, in every world. Raises EvsError."""
-        scene = self._worlds[0].live_scene
-        if not scene.outdated():
-            return
-        extracted = scene.extract()
-        puts = [world.refreshing(extracted) for world in self._worlds]
-        self._settle(range(len(self)))
-        self._batch = self._reason = None
-        for put in puts:
-            put()
-        scene.taken(extracted)
+        revision = self._worlds[0].revision
+        if revision != self._revision:
+            self._revision = revision
+            self._settle(range(len(self)))
+            self._batch = self._reason = None
 
     @property
     def one_by_one(self) -> str:

@@ -55,7 +55,12 @@ from evs.emulator.world.physics import (
     gravity_of,
     moving_bodies,
 )
-from evs.emulator.world.physics_batch import PhysicsBatch, PoseBatch, why_not_batched
+from evs.emulator.world.physics_batch import (
+    PhysicsBatch,
+    PoseBatch,
+    has_callbacks,
+    why_not_batched,
+)
 from evs.emulator.world.snapshots import SnapshotTaker
 
 __all__ = [
@@ -93,6 +98,7 @@ __all__ = [
     "fill_tick",
     "find_keyframe",
     "gravity_of",
+    "has_callbacks",
     "home_keyframe",
     "load_model",
     "load_spec",

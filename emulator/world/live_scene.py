@@ -33,6 +33,8 @@ class LiveScene:
         self._watch = ModelWatch(model)
         self.scene: SceneModel = extract_scene(model, self._parts)
         """as it was last taken"""
+        self.revision = 0
+        """how often it was taken anew"""
         self._pending = self._whole = self._compare_large = False
         self._twin: tuple[mujoco.MjModel, _core.Watch] | None = None
 
@@ -77,6 +79,7 @@ class LiveScene:
     def taken(self, scene: SceneModel) -> None:
         """`scene` is what cameras show from now on."""
         self.scene = scene
+        self.revision += 1
         self._pending = self._whole = False
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -282,6 +283,20 @@ class Physics:
             self.tick = number
 
         return put
+
+    def take(self, state: F64, tick: int) -> None:
+        """Be in a state, as of `state`, after so many ticks. What follows is not computed."""
+        mujoco.mj_setState(self.model, self.data, state, STATE)
+        self.tick = tick
+
+    def update(self) -> None:
+        """Compute what follows from the state, for whoever looks at the data."""
+        mujoco.mj_getState(self.model, self.data, self._before, STATE)
+        self._warnings[_FATAL] = SILENT
+        with suppress(mujoco.FatalError):
+            mujoco.mj_forward(self.model, self.data)
+        # and whatever forward has moved on
+        mujoco.mj_setState(self.model, self.data, self._before, STATE)
 
     def advance(self) -> None:
         """One tick. Raises UnstableError; the state then is again that of the tick before."""

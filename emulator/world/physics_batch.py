@@ -22,12 +22,14 @@ from evs.emulator.world.deformables import Deformables
 from evs.emulator.world.encoders import Measurements
 from evs.emulator.world.extraction import visible_geoms, visible_sites
 from evs.emulator.world.lights import active_lights
-from evs.emulator.world.physics import FATAL, SILENT, Physics, UnstableError, put_physics
+from evs.emulator.world.physics import FATAL, SILENT, Physics, UnstableError
 from evs.emulator.world.tendons import Strands
 
 I64 = npt.NDArray[np.int64]
 
 _FATAL = [*FATAL]
+
+_CALLBACKS = [getattr(mujoco, name) for name in dir(mujoco) if name.startswith("get_mjcb_")]
 
 
 def why_not_batched(model: mujoco.MjModel) -> str:
@@ -41,6 +43,11 @@ def why_not_batched(model: mujoco.MjModel) -> str:
     if len(Strands(model)):
         return "the model shows tendons, ropes or slider-cranks"
     return ""
+
+
+def has_callbacks() -> bool:
+    """Whether functions are installed that MuJoCo calls, which a batch may not take."""
+    return any(get() is not None for get in _CALLBACKS)
 
 
 class PhysicsBatch:
@@ -112,9 +119,7 @@ class PhysicsBatch:
 
     def settle(self, world: int) -> None:
         """Put a world's state into its Physics, as if that had taken the ticks."""
-        physics = self._worlds[world]
-        put_physics(physics.model, physics.data, {"state": self.state[world]})
-        physics.tick = int(self._ticks[world])
+        self._worlds[world].take(self.state[world], int(self._ticks[world]))
 
     def advance(self, which: I32) -> dict[int, UnstableError]:
         """Take a tick of some worlds.

@@ -78,9 +78,7 @@ class SweepWorld(World):
         )
         self._moved = camera_motion(motion, camera.bound.model)
 
-    def _add(
-        self, plan: Any, config: dict[str, Any] | None, like: Camera | None = None
-    ) -> Camera:
+    def _add(self, plan: Any, config: dict[str, Any] | None, like: Camera | None = None) -> Camera:
         if self._method is None:
             return super()._add(plan, config, like)
         camera = FramesCamera(

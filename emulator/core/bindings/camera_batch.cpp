@@ -36,8 +36,8 @@ class CameraBatch {
     return static_cast<int>(cameras_.size()) - 1;
   }
 
-  void put(int index, nb::object pixels, nb::dict state, int seed, int64_t clock_us, int64_t ticks,
-           bool all_due) {
+  void put(int index, nb::object pixels, nb::dict state, int seed, int64_t clock_us,
+           int64_t tick_us, int64_t ticks, bool all_due) {
     Camera& camera = cameras_.at(static_cast<size_t>(index));
     BoundPixels* bound = nb::cast<BoundPixels*>(pixels);
     require(bound->width() == camera.pixels->width() && bound->height() == camera.pixels->height(),
@@ -63,16 +63,17 @@ class CameraBatch {
     camera.state = nb::make_tuple(pixels, state);
     camera.seed = seed;
     camera.clock_us = clock_us;
+    camera.tick_us = tick_us;
     camera.ticks = ticks;
     camera.all_due = all_due;
     camera.clamped = 0;
     camera.events.clear();
   }
 
-  // What `put` gave, as it is now: clock_us, ticks, clamped since then.
+  // What `put` gave, as it is now: clock_us, tick_us, ticks; and pixels clamped since then.
   nb::tuple numbers(int index) const {
     const Camera& camera = cameras_.at(static_cast<size_t>(index));
-    return nb::make_tuple(camera.clock_us, camera.ticks, camera.clamped);
+    return nb::make_tuple(camera.clock_us, camera.tick_us, camera.ticks, camera.clamped);
   }
 
   void step(In<int32_t, N> which, In<double, N, N, 3> geom_pos, In<double, N, N, 9> geom_mat,
@@ -114,6 +115,12 @@ class CameraBatch {
                            camera_mat.data() + 9 * index,
                            camera.seed};
       camera.caster->caster.render(poses, camera.luminance, nullptr);
+      if (camera.tick_us != tick_us && camera.arrays.due_us) {
+        // filters that stand still in short ticks may move in a longer one
+        const size_t pixels = camera.pixels->width() * camera.pixels->height();
+        std::fill_n(camera.arrays.due_us, (pixels + kBlock - 1) / kBlock, camera.clock_us);
+      }
+      camera.tick_us = tick_us;
       Tick tick{camera.luminance, camera.clock_us, static_cast<uint32_t>(tick_us)};
       tick.all_due = camera.all_due;
       size_t clamped = 0;
@@ -158,7 +165,7 @@ class CameraBatch {
     size_t world = 0;
     PixelArrays arrays;
     int seed = 0;  // of its light's noise
-    int64_t clock_us = 0, ticks = 0, clamped = 0;
+    int64_t clock_us = 0, tick_us = 0, ticks = 0, clamped = 0;
     bool all_due = false;
     std::vector<Event> events;
     nb::object keep, state;  // what owns the memory above
@@ -203,8 +210,8 @@ void bind_camera_batch(nb::module_& m) {
            "Returns:\n"
            "    Its number.")
       .def("put", &CameraBatch::put, nb::arg("camera"), nb::arg("pixels"), nb::arg("state"),
-           nb::kw_only(), nb::arg("seed"), nb::arg("clock_us"), nb::arg("ticks"),
-           nb::arg("all_due"),
+           nb::kw_only(), nb::arg("seed"), nb::arg("clock_us"), nb::arg("tick_us"),
+           nb::arg("ticks"), nb::arg("all_due"),
            "Set a camera's pixels and their state, whose arrays are modified in place from\n"
            "now on.\n"
            "\n"
@@ -213,9 +220,10 @@ void bind_camera_batch(nb::module_& m) {
            "    pixels: The pixels, of the same size.\n"
            "    state: The arrays of the state, by the names that `PixelArray.step` takes.\n"
            "    seed: The seed of its light's noise.\n"
-           "    clock_us, ticks, all_due: As of `PixelArray.step`.")
+           "    clock_us, ticks, all_due: As of `PixelArray.step`.\n"
+           "    tick_us: The length of the last tick.")
       .def("numbers", &CameraBatch::numbers, nb::arg("camera"),
-           "Return clock_us and ticks of a camera, and the pixels clamped since `put`.")
+           "Return clock_us, tick_us and ticks of a camera, and the pixels clamped since `put`.")
       .def("step", &CameraBatch::step, nb::arg("which"), nb::arg("geom_pos"), nb::arg("geom_mat"),
            nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
            nb::arg("t_begin_us"), nb::arg("tick_us"),
