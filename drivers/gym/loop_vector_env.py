@@ -18,6 +18,7 @@ from evs.drivers.run.paths import in_package
 from evs.drivers.run.sensor_ranges import read_ranges
 from evs.emulator import Worlds
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
+from evs.emulator.config.plain_values import plain_integer
 from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
 from evs.emulator.simulation.initial_states import Start, begin
 from evs.emulator.simulation.stacked_arrays import StackedArrays
@@ -110,7 +111,8 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
                 f"render_mode is {render_mode!r}, but many worlds have no picture: leave it out, "
                 'or take vectorization_mode="sync"'
             )
-        self.num_envs, self.render_mode, self._copy = int(num_envs), None, bool(copy)
+        self.num_envs = plain_integer(num_envs, "num_envs")
+        self.render_mode, self._copy = None, bool(copy)
         self.autoreset_mode = _autoreset(autoreset_mode)
         sensor = sized(sensor, size)
         if isinstance(randomise, str | Path):

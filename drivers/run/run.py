@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from typing import Any
 
 from evs.drivers.clock import Pacer, StopWatch, monotonic_s
-from evs.drivers.cores import cores
 from evs.drivers.run.config import PipelineConfig
 from evs.drivers.run.progress import Progress
 from evs.drivers.run.report import Report
@@ -18,6 +17,7 @@ from evs.drivers.run.sink_set import SinkSet
 from evs.drivers.run.statistics import RunWorld
 from evs.drivers.run.stop_signals import stop_signals
 from evs.drivers.sink import Sink
+from evs.emulator.base.cores import cores
 from evs.emulator.simulation.pipelined import PipelinedWorld, pipelined
 from evs.emulator.simulation.world import World
 from evs.msgs import EventPacket, EvsError

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from evs.emulator.base.cores import cores
 from evs.emulator.base.scene import F64
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.config.plain_values import plain_integer
@@ -115,7 +115,7 @@ class Worlds:
         threads = plain_integer(threads, "threads")
         if threads < 0:
             raise EvsError(f"threads is {threads}; give 0 for one per core, or more")
-        self._threads = threads or len(os.sched_getaffinity(0))
+        self._threads = threads or cores()
         # many worlds share the cores between them; few give all of them to each in turn
         self._side_by_side = count >= self._threads
         own = 1 if self._side_by_side else self._threads

@@ -66,9 +66,9 @@ def run(args: argparse.Namespace) -> int:
     """Tune; the exit code."""
     # here, so that --help is quick
     from evs.drivers.clock import monotonic_s
-    from evs.drivers.cores import cores
     from evs.drivers.run.config import is_scene
     from evs.drivers.run.report import check_targets, write_whole
+    from evs.emulator.base.cores import cores
     from evs.launch.support import terminal
     from evs.tools.doctor.machine import cpu_name
     from evs.tools.evaluation.light_cache import LightCache, user_cache

@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from evs.drivers.cores import cores
+from evs.emulator.base.cores import cores
 from evs.emulator.base.memory_limits import memory_gb
 from evs.tools.doctor.check import BAD, NOTE, OK, Check
 
