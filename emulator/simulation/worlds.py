@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Lock
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -42,8 +41,8 @@ Start = Callable[[int, MjData], None]
 """`f(world, data)` puts the data of a world where its episode begins."""
 
 
-@dataclass(frozen=True)
-class WorldsEvents(Sequence[Events]):
+@dataclass(frozen=True, eq=False)
+class WorldsEvents:
     """What one camera of each world saw: item i is the events of world i, a view."""
 
     events: Events
@@ -55,10 +54,14 @@ class WorldsEvents(Sequence[Events]):
         """How many worlds there are."""
         return len(self.offsets) - 1
 
-    def __getitem__(self, world: Any) -> Any:
-        """(k,) EVENT_DTYPE, those of a world, by time."""
+    def __getitem__(self, world: int) -> Events:
+        """(k,) EVENT_DTYPE, those of a world, by time. IndexError: there is no such world."""
         number = range(len(self))[world]
         return self.events[self.offsets[number] : self.offsets[number + 1]]
+
+    def __iter__(self) -> Iterator[Events]:
+        """Those of one world after the other."""
+        return (self[world] for world in range(len(self)))
 
     @property
     def counts(self) -> I64:
@@ -75,9 +78,10 @@ class Worlds:
             (seen,) = worlds.step(controls, ticks=10)     # controls (16, nu)
             seen[3]                                       # events of world 3
 
-    World i gives the bytes of `World(scene, seed=worlds.seeds[i])`. A world whose physics breaks
-    down ends alone, see `ended`; the others go on. The model is shared: an edit of it shows in
-    every world.
+    World i gives the bytes of `World(scene, seed=worlds.seeds[i])`; of a SceneConfig, which has a
+    control seed of its own, those of `World(scene, seed=worlds.seeds[0])` after a reset to that
+    seed. A world whose physics breaks down ends alone, see `ended`; the others go on. The model is
+    shared: an edit of it shows in every world.
     """
 
     def __init__(
@@ -131,6 +135,10 @@ class Worlds:
         """world -> why it ended: its physics broke down, or a limit was left; it stands still until
         it is reset or restored"""
         self._measured: Measurements | None = None
+        if isinstance(sensors, str) or not isinstance(sensors, Iterable | None):
+            raise EvsError(f"sensors is {sensors!r}: give the names of several, such as ['angle']")
+        if not isinstance(limits, Mapping | None):
+            raise EvsError(f"limits is {limits!r}: give {{sensor: (low, high)}}")
         if limits or sensors is not None:
             self._measured = Measurements(first.model, count, limits, sensors or ())
             self._begin([*range(count)])
@@ -385,7 +393,7 @@ class Worlds:
         self._settle(chosen)
         return [self._worlds[number].save(compress) for number in chosen]
 
-    def restore(self, blobs: Sequence[bytes], worlds: Iterable[int] | None = None) -> None:
+    def restore(self, blobs: Iterable[bytes], worlds: Iterable[int] | None = None) -> None:
         """Go on from what `save` gave, here or elsewhere.
 
         Args:
@@ -395,7 +403,7 @@ class Worlds:
         Raises:
             EvsError: As of World.restore; worlds before the first that is damaged are restored.
         """
-        chosen = self._chosen(worlds)
+        chosen, blobs = self._chosen(worlds), [*blobs]
         if len(blobs) != len(chosen):
             raise EvsError(f"{len(blobs)} states for {len(chosen)} worlds: give one for each")
         self._see_edits()

@@ -118,18 +118,23 @@ def test_all_may_end() -> None:
     step_both(worlds, alone, ticks=3)
 
 
-def test_a_full_buffer_ends_a_world_with_its_message(capfd: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("memory", "reason"), [("60K", "mj_stackAlloc: out of memory"), ("200K", "contact buffer full")]
+)
+def test_a_full_buffer_ends_a_world_with_its_message(
+    memory: str, reason: str, capfd: pytest.CaptureFixture[str]
+) -> None:
     boxes = "".join(
         f'<body pos="{0.1 * (k % 10)} {0.1 * (k // 10)} .04"><freejoint/>'
         '<geom type="box" size=".05 .05 .05"/></body>'
         for k in range(60)
     )
-    xml = SWING.replace("<option", '<size memory="60K"/><option')
+    xml = SWING.replace("<option", f'<size memory="{memory}"/><option')
     xml = xml.replace("</worldbody>", f"{boxes}</worldbody>").replace(' qpos="-1"', "")
     worlds, alone = both(mujoco.MjModel.from_xml_string(xml), 2, CAMERAS)
     step_both(worlds, alone, ticks=2)
     assert [*worlds.ended] == [0, 1]
-    assert "unstable at" in worlds.ended[0]
+    assert worlds.ended[0].startswith(f"unstable at t = 0.000000 s: {reason}")
     assert_same_states(worlds, alone)
     assert capfd.readouterr() == ("", "")
 
