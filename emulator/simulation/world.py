@@ -125,7 +125,8 @@ class World:
         self._bounds: list[BoundCamera] = []
         """of cameras and views, in the order of a snapshot's poses"""
         self._digest = ModelDigest(model)
-        self._twins: list[World] = [self]
+        # a world that held itself would wait for the garbage collector
+        self._twins: list[ref[World]] = [ref(self)]
         """those that share the model, this one too"""
 
     def __repr__(self) -> str:
@@ -157,7 +158,7 @@ class World:
         other._history = SnapshotHistory(other._taker)
         other._cameras, other._view_refs, other._bounds = [], [], []
         other._twins = self._twins
-        self._twins.append(other)
+        self._twins.append(ref(other))
         return other
 
     def add_like(self, camera: Camera) -> Camera:
@@ -275,7 +276,8 @@ class World:
         if not self._scene.outdated():
             return
         scene = self._scene.extract()
-        puts = [world._refreshing(scene) for world in self._twins]
+        twins = [world for one in self._twins if (world := one()) is not None]
+        puts = [world._refreshing(scene) for world in twins]
         for put in puts:
             put()
         self._scene.taken(scene)
