@@ -75,6 +75,8 @@ class WorldBatch:
         self._numbers = np.arange(len(worlds) * count, dtype=np.int32).reshape(len(worlds), count)
         """of each world's cameras in the native batch"""
         self._reads = [_lent(camera).pixels.readout is not None for camera in first.cameras]
+        self._at_once = ~np.array(self._reads, bool)
+        """cameras without a readout"""
         self._lent: dict[int, list[LentCamera]] = {}
         """of the worlds that are loaded"""
         self._ticks = np.zeros(len(worlds), np.int64)
@@ -138,7 +140,7 @@ class WorldBatch:
 
     def t_us(self, world: int) -> int:
         """The time of a loaded world, us, as its Physics counts it."""
-        return int(self._physics.t_us[world])
+        return self._physics.t_us_of(world)
 
     def step(self, which: I32) -> dict[int, UnstableError]:
         """Take a tick of some worlds, which are loaded.
@@ -169,7 +171,7 @@ class WorldBatch:
             light_dir = np.ascontiguousarray(light_dir[:, lights])
         # the readout goes by the world's own time
         begin_us = np.repeat((end_us - self._tick_us)[:, None], self._count, axis=1)
-        begin_us[:, ~np.array(self._reads, bool)] += self._start_us
+        begin_us[:, self._at_once] += self._start_us
         try:
             self._native.step(
                 self._numbers[which].reshape(-1),

@@ -14,6 +14,7 @@ from evs.emulator.base.cores import cores
 from evs.emulator.base.scene import F64
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.config.plain_values import plain_integer
+from evs.emulator.render.registry import RENDERERS
 from evs.emulator.simulation.world import World
 from evs.emulator.simulation.world_batch import WorldBatch, stacked, why_one_by_one
 from evs.emulator.world import (
@@ -325,7 +326,7 @@ class Worlds:
         """Whether worlds may be stepped by several threads of Python."""
         first = self._worlds[0]
         # OpenGL belongs to a thread, and a control function of the caller's knows of none
-        traced = all(camera.features.get("raster") is None for camera in first.cameras)
+        traced = all(RENDERERS[one.plan_of_it.render.renderer].traced for one in first.cameras)
         return self._side_by_side and traced and not first.control.needs_data
 
     def _measure(self, worlds: Iterable[int]) -> None:

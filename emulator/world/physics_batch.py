@@ -106,6 +106,10 @@ class PhysicsBatch:
         """(n, k) what everything's place follows from, as of SnapshotTaker.places; a copy."""
         return np.concatenate(self._places, axis=1)
 
+    def t_us_of(self, world: int) -> int:
+        """Simulated time of one world, us."""
+        return int(self._ticks[world]) * self._substeps.tick_us
+
     def measure(self, which: I32, into: Measurements) -> None:
         """Write down what some worlds measured at the end of their last tick."""
         for name, live in self._measured:
@@ -159,7 +163,7 @@ class PhysicsBatch:
             self._worlds[world].advance()
         except UnstableError as reason:
             return reason
-        t_us = int(self._ticks[world]) * self._substeps.tick_us
+        t_us = self.t_us_of(world)
         self.settle(world)
         return UnstableError(f"unstable at t = {t_us * 1e-6:.6f} s: MuJoCo gave up on the state")
 
