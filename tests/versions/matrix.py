@@ -106,7 +106,9 @@ class Matrix:
             cell.reason = f"nothing after {reason.timeout:g} s"
         finally:
             shutil.rmtree(folder, ignore_errors=True)
-        cell.reason = cell.reason.replace(str(folder), "...")[:MAX_REASON]
+        for path in (folder.resolve(), folder):
+            cell.reason = cell.reason.replace(str(path), "...")
+        cell.reason = cell.reason[:MAX_REASON]
         return cell
 
     def _wheel(self, python: str) -> Path:
