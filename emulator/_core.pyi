@@ -341,6 +341,69 @@ class Caster:
         hybrid the nodes and bytes of its cache, and the paths traced for them.
         """
 
+def trace_device_frame(frame: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], first_pass: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')]) -> None:
+    """
+    Render a frame of DeviceFrame whose addresses are those of arrays, as a device does:
+    for tests.
+
+    Args:
+        frame, first_pass: (frame_bytes,) uint8, of copy_tick.
+        luminance: (h, w) float32, the output.
+    """
+
+class DeviceFrame:
+    """
+    The frames of `direct` for a device with memory of its own.
+
+    Everything that a frame points to lies in two blocks of memory: one
+    that stays, and one that each tick replaces.
+    """
+
+    def __init__(self, caster: Caster) -> None:
+        """
+        Args:
+            caster: Of `direct` without colour, whose meshes do not deform.
+        """
+
+    def copy_constant(self, address: int, out: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')]) -> None:
+        """
+        Copy what stays.
+
+        Args:
+            address: Where it will lie on the device.
+            out: (constant_bytes,) uint8, the output.
+        """
+
+    def copy_tick(self, geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(9), order='C', device='cpu', writable=False)], constant: int, tick: int, out: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')], frame: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')], first_pass: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')]) -> None:
+        """
+        Place everything for a tick, and copy what it changes.
+
+        Args:
+            geom_pos, geom_mat: (ng, 3) and (ng, 9) float64, world frame.
+            light_pos, light_dir: (nl, 3) float64, world frame.
+            camera_pos, camera_mat: (3,) and (9,) float64, world frame.
+            constant, tick: Where the blocks lie on the device.
+            out: (tick_bytes,) uint8, the output.
+            frame: (frame_bytes,) uint8, out: the kernel's argument.
+            first_pass: (frame_bytes,) uint8, out: that of the first pass, if adaptive.
+        """
+
+    @property
+    def constant_bytes(self) -> int:
+        """Bytes of what stays."""
+
+    @property
+    def tick_bytes(self) -> int:
+        """Bytes of what a tick changes."""
+
+    @property
+    def frame_bytes(self) -> int:
+        """Bytes of a frame."""
+
+    @property
+    def adaptive(self) -> bool:
+        """Whether there is a first pass."""
+
 class EventArrays:
     """
     Events of many worlds as dense arrays, written side by side.

@@ -156,7 +156,7 @@ def identity_of(plan: CameraPlan, config: Mapping[str, Any]) -> dict[str, Any]:
         config: As in its StreamInfo.
     """
     tables = {key: dict(config[key]) for key in ("camera", "sensor", "render", "model")}
-    for key in ("isa", "incremental"):
+    for key in ("isa", "incremental", "device"):
         # the same bytes
         del tables["render"][key]
     if plan.plan != PlanConfig():

@@ -31,6 +31,8 @@ class RendererRow:
     """keeps light on surfaces from tick to tick"""
     adaptive: bool = False
     """can take more samples at edges only"""
+    cuda: str = ""
+    """"module:Class" of the same renderer on a GPU, with the same options; empty: there is none"""
     traced: bool = True
     """traces rays itself, and only those that a motion can touch"""
 
@@ -46,6 +48,7 @@ RENDERERS = {
         default_spp=4,
         max_spp=64,
         options=("threads", "rgb", "switches", "like"),
+        cuda="evs.emulator.render.gpu.direct:CudaDirectRenderer",
         adaptive=True,
     ),
     "hybrid": RendererRow(

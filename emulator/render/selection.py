@@ -11,12 +11,14 @@ from evs.emulator.base.scene import CameraModel, SceneModel
 from evs.emulator.config import RenderConfig
 from evs.emulator.render.cycle import CycleRenderer
 from evs.emulator.render.direct import DirectRenderer
+from evs.emulator.render.gpu.driver import why_no_gpu
 from evs.emulator.render.path import PathRenderer
 from evs.emulator.render.registry import RENDERERS
 from evs.msgs import EvsError, unknown
 from evs.msgs.registry import load
 
 SAMPLERS = ("owen", "sobol", "global", "random", "anchored")
+DEVICES = ("cpu", "cuda", "auto")
 MAX_BOUNCES = 64
 MAX_CYCLE_TICKS = 16
 MAX_THREADS = 1024
@@ -67,10 +69,42 @@ def make_renderer(
         # the others share its threads, meshes and images
         rest = [one(first, point_set) for point_set in range(1, config.cycle_ticks)]
         return CycleRenderer([first, *rest])
+    target = row.cuda if device_of(scene, config, rgb) == "cuda" else row.target
     options = {"threads": threads, "rgb": rgb, "seed": seed, "switches": switches, "like": before}
     given = {name: options[name] for name in row.options}
-    made: Renderer = load(row.target)(scene, camera, config, **given)
+    made: Renderer = load(target)(scene, camera, config, **given)
     return made
+
+
+def device_of(scene: SceneModel, config: RenderConfig, rgb: bool = False) -> str:
+    """Where a camera is rendered: "cpu" or "cuda".
+
+    Args:
+        scene: What is seen.
+        config: [render].
+        rgb: Whether colour is wanted beside the luminance.
+
+    Raises:
+        EvsError: render.device is cuda, and that cannot be.
+    """
+    if config.device == "cpu":
+        return "cpu"
+    reason = _why_not_cuda(scene, config, rgb) or why_no_gpu()
+    if reason and config.device == "cuda":
+        raise EvsError(f"render.device is cuda, but {reason}; take cpu, or auto")
+    return "cpu" if reason else "cuda"
+
+
+def _why_not_cuda(scene: SceneModel, config: RenderConfig, rgb: bool) -> str:
+    """Why no GPU can render this, as a reason; "": one can."""
+    if not RENDERERS[config.renderer].cuda:
+        able = ", ".join(name for name, row in RENDERERS.items() if row.cuda)
+        return f"render.renderer is {config.renderer}, and a GPU renders {able} only"
+    if rgb:
+        return "colour is rendered on the CPU only"
+    if scene.deforming:
+        return "the scene has shapes that deform"
+    return ""
 
 
 def check_render(config: RenderConfig) -> None:
@@ -82,6 +116,8 @@ def check_render(config: RenderConfig) -> None:
         raise unknown("render.antialiasing", config.antialiasing, ["fixed", "adaptive"])
     if config.headlight not in ("model", "off"):
         raise unknown("render.headlight", config.headlight, ["model", "off"])
+    if config.device not in DEVICES:
+        raise unknown("render.device", config.device, list(DEVICES))
     if config.lux_per_unit <= 0:
         raise EvsError(f"render.lux_per_unit is {config.lux_per_unit}; it must be positive")
     if config.isa not in ("auto", *_core.isa_available()):

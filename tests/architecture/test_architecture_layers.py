@@ -35,6 +35,7 @@ DOORS = {
     "foxglove": ("drivers/viewer/panels.py",),
     "pyrender": ("emulator/render/raster/",),
     "OpenGL": ("emulator/render/raster/",),
+    "cuda": ("emulator/render/gpu/driver.py",),
     "jax": ("tools/training/",),
     "optax": ("tools/training/",),
     "onnxruntime": ("emulator/evsnet/session.py",),
@@ -48,7 +49,7 @@ DOORS = {
 
 EXTRAS = (
     *("raster", "gym", "video", "train", "view", "web", "foxglove", "formats", "ros2", "cluster"),
-    "completion",
+    *("completion", "cuda"),
 )
 """Whose libraries the package imports; those of the others are for tests and tools."""
 
@@ -204,10 +205,12 @@ def test_every_library_behind_a_door_is_a_declared_requirement(checkout: Path) -
     extras = project["optional-dependencies"]
     declared = project["dependencies"] + [r for name in EXTRAS for r in extras[name]]
     names = {re.split(r"[^\w-]", requirement)[0].replace("-", "_") for requirement in declared}
+    # found by cuda-bindings
+    names -= {"nvidia_cuda_nvrtc"}
     # pyrender brings its own OpenGL, pytest and Stable-Baselines3 are there when they load ours
     names |= {"PyOpenGL", "pytest", "stable_baselines3"}
     packages = {"PIL": "pillow", "zmq": "pyzmq", "OpenGL": "PyOpenGL", "rerun": "rerun_sdk"}
-    packages |= {"foxglove": "foxglove_sdk"}
+    packages |= {"foxglove": "foxglove_sdk", "cuda": "cuda_bindings"}
     packages |= {"pyrender": "pyrender2"}
     imports = {packages.get(name, name) for name in DOORS}
     assert imports == names

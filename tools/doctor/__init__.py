@@ -4,6 +4,7 @@ from evs.tools.doctor.check import BAD, NOTE, OK, Check, guarded
 from evs.tools.doctor.machine import (
     check_cores,
     check_disk,
+    check_gpu,
     check_memory,
     check_platform,
     check_python,
@@ -21,6 +22,7 @@ __all__ = [
     "check_cores",
     "check_disk",
     "check_extras",
+    "check_gpu",
     "check_memory",
     "check_packages",
     "check_platform",

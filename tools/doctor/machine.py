@@ -12,6 +12,7 @@ from pathlib import Path
 
 from evs.emulator.base.cores import cores
 from evs.emulator.base.memory_limits import memory_gb
+from evs.emulator.render.gpu.driver import the_gpu, why_no_gpu
 from evs.tools.doctor.check import BAD, NOTE, OK, Check
 
 MIN_PYTHON = (3, 11)
@@ -46,6 +47,14 @@ def check_cores() -> Check:
     """Number of cores that this process may use, which threads = 0 means."""
     says = f"{cores()} usable of {os.cpu_count()}, {cpu_name()}"
     return Check("cpu", OK, says)
+
+
+def check_gpu() -> Check:
+    """An NVIDIA GPU that can render; to have none is no fault."""
+    if reason := why_no_gpu():
+        return Check("gpu", NOTE, reason, "only render.device=cuda needs one")
+    gpu = the_gpu()
+    return Check("gpu", OK, f"{gpu.name}, compute capability {gpu.architecture / 10}")
 
 
 def check_memory() -> Check:

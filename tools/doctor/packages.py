@@ -37,6 +37,7 @@ EXTRAS = {
     "ros2": ("rosbags", "cyclonedds"),
     "cluster": ("ray",),
     "completion": ("argcomplete",),
+    "cuda": ("cuda-bindings", "nvidia-cuda-nvrtc"),
 }
 """extra -> its distributions: `optional-dependencies` of pyproject.toml for users"""
 
@@ -52,6 +53,7 @@ USES = {
     "ros2": ".mcap and .bag recordings, ROS 2",
     "cluster": "jobs on a Ray cluster",
     "completion": "evs completion",
+    "cuda": "render.device=cuda",
 }
 """extra -> what it is for"""
 

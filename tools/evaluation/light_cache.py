@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from evs.emulator.base.scene import F32
+from evs.emulator.base.user_cache import cache_folder
 from evs.msgs import EvsError
 
 
@@ -26,9 +27,7 @@ class DamagedCacheWarning(UserWarning):
 
 def user_cache() -> Path:
     """The default folder: evs/evaluation in XDG_CACHE_HOME or ~/.cache."""
-    configured = os.environ.get("XDG_CACHE_HOME", "")
-    home = Path(configured) if Path(configured).is_absolute() else Path.home() / ".cache"
-    return home / "evs" / "evaluation"
+    return cache_folder("evaluation")
 
 
 class LightCache:

@@ -39,6 +39,12 @@
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
 #pragma GCC diagnostic ignored "-Wuninitialized"
 
+// before functions that are called on a GPU: with everything inlined, the code would not fit into
+// the cache of instructions, and compile for a minute
+#ifndef EVS_OUTLINE
+#define EVS_OUTLINE
+#endif
+
 #ifndef EVS_INLINE
 #define EVS_INLINE [[gnu::always_inline]] inline
 #endif

@@ -115,6 +115,18 @@ class Caster {
     return {*kernel_, frame_, paths_};
   }
 
+  bool is_direct() const { return !emitters_ && !irradiance_; }
+  // What a device needs to render a tick of `direct`: see DeviceFrame.
+  struct DeviceInputs {
+    Frame frame;
+    Frame first_pass;  // of adaptive antialiasing; else without samples
+    const Appearance& appearance;
+    size_t bvh_boxes[GeomBvh::LEVELS], bvh_geoms;
+  };
+  DeviceInputs device_inputs() const;
+  // Place everything for a tick that a device renders.
+  void place_for_device(const Poses& poses);
+
   double traced_fraction() const { return traced_fraction_; }
   int channels() const { return frame_.channels; }
   // Return the active features, as of the last tick where that decides.

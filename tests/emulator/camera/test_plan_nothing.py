@@ -154,7 +154,7 @@ LIBRARIES = {
     *("mujoco", "onnxruntime", "pyrender", "OpenGL", "gymnasium", "imageio_ffmpeg", "PIL", "zmq"),
     *("flatbuffers", "lz4", "zstandard", "h5py", "hdf5plugin", "rosbags", "cyclonedds", "rerun"),
     *("jax", "optax", "pytest", "scipy", "ray", "matplotlib", "av", "argcomplete"),
-    *("foxglove", "websockets", "stable_baselines3"),
+    *("foxglove", "websockets", "stable_baselines3", "cuda"),
 }
 SCENE = Path(__file__).parents[3] / "config/scenes/pendulum.xml"
 RUN = ["--scene", str(SCENE), "--duration", "0.003", "sensor.width=32", "sensor.height=24"]

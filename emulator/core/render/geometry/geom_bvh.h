@@ -2,6 +2,7 @@
 // kernels walk it to find the geoms that rays may touch.
 #pragma once
 
+#include <cstddef>
 #include <vector>
 
 #include "scene.h"
@@ -17,6 +18,9 @@ class GeomBvhBuilder {
   void update(const Geom* geoms, const Mesh* meshes);
   // Return the hierarchy of the last update; none over no geoms, or more than kernels can collect.
   GeomBvh view() const;
+  // The length of the arrays in `view`: of boxes by level, and of geoms.
+  size_t boxes(int level) const { return arrays_[level][0].size(); }
+  size_t geoms() const { return geoms_.size(); }
 
  private:
   struct Box {

@@ -44,8 +44,9 @@ EVS_INLINE void intersect_geom(const Frame& f, int index, const Rays& rays, Floa
 }
 
 // The rest of `intersect` in a scene of many geoms.
-[[gnu::noinline]] void intersect_many(const Frame& f, const Rays& rays, const RayCone& cone,
-                                      Mask active, Float t_min, Hit& hit) {
+[[gnu::noinline]] EVS_OUTLINE void intersect_many(const Frame& f, const Rays& rays,
+                                                  const RayCone& cone, Mask active, Float t_min,
+                                                  Hit& hit) {
   GeomSet found;
   find_candidates(f.bvh, rays, cone, active, splat(T_INFINITY), found);
   found.visit([&](int index) {
@@ -56,8 +57,8 @@ EVS_INLINE void intersect_geom(const Frame& f, int index, const Rays& rays, Floa
 
 // Find the nearest hit of the rays of `active` behind `t_min`. Geoms are intersected in ascending
 // order, so the first of several hits at one distance is found.
-inline Hit intersect(const Frame& f, const Rays& rays, const RayCone& cone, Mask active,
-                     Float t_min) {
+EVS_OUTLINE inline Hit intersect(const Frame& f, const Rays& rays, const RayCone& cone, Mask active,
+                                 Float t_min) {
   Hit hit = {select(active, splat(T_INFINITY), splat(-1.0f)), splat(-1), splat(0), splat(0.0f),
              splat(0.0f)};
   bool wide = is_wide(cone);
@@ -100,8 +101,9 @@ EVS_INLINE bool is_transparent(const Frame& f, int index) {
 
 // The rest of `occluded` in a scene of many geoms.
 template <bool BY_OPAQUE>
-[[gnu::noinline]] void occluded_by_many(const Frame& f, const Rays& rays, const RayCone& cone,
-                                        Mask active, Float t_max, Int self, Mask& blocked) {
+[[gnu::noinline]] EVS_OUTLINE void occluded_by_many(const Frame& f, const Rays& rays,
+                                                    const RayCone& cone, Mask active, Float t_max,
+                                                    Int self, Mask& blocked) {
   GeomSet found;
   find_candidates(f.bvh, rays, cone, active & ~blocked, t_max, found);
   found.visit([&](int index) {
@@ -116,8 +118,8 @@ template <bool BY_OPAQUE>
 // `non_occluders`: geoms of the first 32 that are known not to occlude, one bit each. BY_OPAQUE: by
 // opaque geoms alone.
 template <bool BY_OPAQUE = false>
-Mask occluded(const Frame& f, Vec origin, Vec direction, Float t_max, Int self, const RayCone& cone,
-              Mask active, unsigned non_occluders) {
+EVS_OUTLINE Mask occluded(const Frame& f, Vec origin, Vec direction, Float t_max, Int self,
+                          const RayCone& cone, Mask active, unsigned non_occluders) {
   Mask blocked = mask_from_bits(0);
   Rays rays = {origin, direction, false};
   bool wide = is_wide(cone);

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "incremental/packet_cache.h"
+#include "integrators/blend.h"
 #include "optics.h"
 #include "scene.h"
 
@@ -45,9 +46,6 @@ class Antialiasing {
   static constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT;
   static constexpr int GROUP = 4;  // packets side by side, 16 pixels wide
 
-  static float blend(float base, float refined, float weight) {
-    return weight < 1 ? base + weight * (refined - base) : refined;
-  }
   bool near_traced(int first, int row) const;
 
   int width_, height_, columns_, rows_;

@@ -9,7 +9,7 @@ namespace evs::EVS_NAMESPACE {
 namespace {
 
 template <int CHANNELS>
-void camera_environment(const Frame& f, Vec d, unsigned lanes, Float* out) {
+EVS_OUTLINE void camera_environment(const Frame& f, Vec d, unsigned lanes, Float* out) {
   const Texture& t = f.textures[f.skybox];
   const float* r = f.camera_to_world;
   Vec w = to_camera(r, d);

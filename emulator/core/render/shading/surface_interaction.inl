@@ -51,7 +51,7 @@ struct TextureLookup {
   // the sample's sides on the 2D image and on the cube's face, image lengths
   Float flat_side[4] = {}, cube_side[4] = {};
 
-  void find_flat() {
+  EVS_OUTLINE void find_flat() {
     has_flat = true;
     if (has_texcoords) {
       float ru = s.repeat[0] * (s.uniform && g.size[0] > 0 ? g.size[0] : 1.0f);
@@ -77,7 +77,7 @@ struct TextureLookup {
     flat_side[3] = dot(grow.v, sample_footprint->y);
   }
 
-  void find_cube() {
+  EVS_OUTLINE void find_cube() {
     has_cube = true;
     Vec q = unit_shape_point(g, p);
     float third = g.shape == CAPSULE || g.shape == CYLINDER ? g.size[1] : g.size[2];
@@ -106,7 +106,7 @@ struct TextureLookup {
   }
 
   template <int CHANNELS>
-  void read(const Texture& t, Float* out) {
+  EVS_OUTLINE void read(const Texture& t, Float* out) {
     bool flat = t.faces == 1;
     if (flat && !has_flat) find_flat();
     if (!flat && !has_cube) find_cube();
@@ -411,8 +411,9 @@ void interact_with_geom(const Frame& f, const Rays& rays, const Hit& hit, Float 
 // Evaluate the interactions of the hits of `lanes`; other lanes are undefined. `path_length`:
 // distance from the camera to the rays' origin.
 template <int CHANNELS>
-SurfaceInteraction<CHANNELS> surface_interaction(const Frame& f, const Rays& rays, const Hit& hit,
-                                                 unsigned lanes, Float path_length) {
+EVS_OUTLINE SurfaceInteraction<CHANNELS> surface_interaction(const Frame& f, const Rays& rays,
+                                                             const Hit& hit, unsigned lanes,
+                                                             Float path_length) {
   SurfaceInteraction<CHANNELS> out;
   out.point = rays.origin + rays.direction * hit.distance;
   Float footprint_width =

@@ -14,3 +14,4 @@
 #define EVS_VECTOR_BITS 32
 #define EVS_NAMESPACE cuda
 #define EVS_INLINE __forceinline__
+#define EVS_OUTLINE __noinline__

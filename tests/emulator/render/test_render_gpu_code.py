@@ -15,7 +15,9 @@ try:
 except RuntimeError as error:
     pytest.skip(f"no NVRTC: {error}", allow_module_level=True)
 
-from tests.support.cuda.compile import SAME_BYTES, compiled  # noqa: E402
+from gpu.compile import compiled  # noqa: E402
+
+from evs.emulator.render.gpu.compiler import SAME_BYTES  # noqa: E402
 
 ARITHMETIC = re.compile(r"\b(?:add|sub|mul|div|sqrt|min|max|abs|neg|setp)\.[\w.]*f32\b")
 OTHER_ROUNDING = re.compile(r"\b(?:fma|mad\.r\w|\w+\.approx)[\w.]*")
@@ -36,10 +38,20 @@ def test_instructions_are_those_of_a_cpu(kernel: str, architecture: int) -> None
     assert faults(ptx) == []
 
 
+@pytest.mark.parametrize(
+    ("architecture", "channels", "adaptive"), [(75, 1, 1), (80, 3, 0), (90, 1, 0), (120, 3, 1)]
+)
+def test_those_of_direct_are_too(architecture: int, channels: int, adaptive: int) -> None:
+    defined = {"EVS_CHANNELS": channels, "EVS_ADAPTIVE": adaptive}
+    ptx = compiled("direct", f"compute_{architecture}", defined).decode()
+    assert (".entry second_pass" in ptx) == bool(adaptive)
+    assert faults(ptx) == []
+
+
 def test_other_instructions_are_found() -> None:
     options = [o for o in SAME_BYTES if not o.startswith(("--fmad", "--ftz", "--prec"))]
     careless = ("--fmad=true", "--prec-div=false", "--prec-sqrt=false", "--ftz=false")
-    found = " ".join(faults(compiled("math", "compute_90", (*options, *careless)).decode()))
+    found = " ".join(faults(compiled("math", "compute_90", None, (*options, *careless)).decode()))
     assert "fma.rn.f32" in found
     assert "div.approx.f32" in found or "div.full.f32" in found
     assert "sqrt.approx.f32" in found

@@ -1,0 +1,175 @@
+#include "device_frame.h"
+
+#include <algorithm>
+#include <cstring>
+#include <vector>
+
+#include "integrators/blend.h"
+
+namespace evs {
+
+// Arrays one after another, as they will lie from an address on.
+class DeviceFrame::Block {
+ public:
+  // out: where they are copied to; null: they are only counted.
+  Block(uint64_t address, char* out) : address_(address), out_(out) {}
+
+  uint64_t bytes() const { return bytes_; }
+
+  // Append an array. Returns where it will lie.
+  template <class T>
+  const T* put(const T* from, size_t count) {
+    if (!from || count == 0) return nullptr;
+    constexpr uint64_t ALIGNMENT = 256;
+    bytes_ = (bytes_ + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
+    uint64_t at = bytes_;
+    bytes_ += count * sizeof(T);
+    if (out_) std::memcpy(out_ + at, from, count * sizeof(T));
+    return reinterpret_cast<const T*>(address_ + at);
+  }
+
+ private:
+  uint64_t address_, bytes_ = 0;
+  char* out_;
+};
+
+Caster::DeviceInputs Caster::device_inputs() const {
+  DeviceInputs inputs = {frame_, {}, appearance_, {}, bvh_->geoms()};
+  inputs.frame.bounds = spheres_.view();
+  inputs.frame.bvh = bvh_->view();
+  if (antialiasing_) inputs.first_pass = antialiasing_->base_frame(inputs.frame);
+  for (int level = 0; level < GeomBvh::LEVELS; level++) {
+    inputs.bvh_boxes[level] = bvh_->boxes(level);
+  }
+  return inputs;
+}
+
+void Caster::place_for_device(const Poses& poses) {
+  place_geoms(poses);
+  place_lights(poses);
+  place_medium();
+  work_.ticks++;
+  work_.packets_traced += static_cast<long>(sampling_.rows) * sampling_.columns;
+  traced_fraction_ = 1;
+}
+
+DeviceFrame::DeviceFrame(Caster& caster) : caster_(caster) {
+  Block constant(0, nullptr), tick(0, nullptr);
+  Frame frame, first_pass;
+  lay_out(constant, tick, frame, first_pass);
+  constant_bytes_ = constant.bytes();
+  tick_bytes_ = tick.bytes();
+}
+
+void DeviceFrame::copy_constant(uint64_t address, char* out) const {
+  Block constant(address, out), tick(0, nullptr);
+  Frame frame, first_pass;
+  lay_out(constant, tick, frame, first_pass);
+}
+
+void DeviceFrame::copy_tick(const Poses& poses, uint64_t constant, uint64_t tick, char* out,
+                            Frame& frame, Frame& first_pass) const {
+  caster_.place_for_device(poses);
+  Block stays(constant, nullptr), changes(tick, out);
+  lay_out(stays, changes, frame, first_pass);
+}
+
+void DeviceFrame::lay_out(Block& constant, Block& tick, Frame& frame, Frame& first_pass) const {
+  Caster::DeviceInputs inputs = caster_.device_inputs();
+  Frame f = inputs.frame;
+  const Appearance& appearance = inputs.appearance;
+  // what stays
+  std::vector<Mesh> meshes;
+  for (int i = 0; i < caster_.mesh_count(); i++) {
+    const SceneData::MeshData& data = caster_.mesh(i);
+    Mesh mesh = f.meshes[i];
+    mesh.nodes = constant.put(mesh.nodes, data.bvh.nodes.size());
+    mesh.triangles = constant.put(mesh.triangles, data.bvh.triangles.size());
+    mesh.corners = constant.put(mesh.corners, data.corners.size());
+    meshes.push_back(mesh);
+  }
+  std::vector<Texture> textures = appearance.textures;
+  for (Texture& texture : textures) {
+    size_t texels = static_cast<size_t>(texture.channels) * texture.channel_stride;
+    texture.texels = constant.put(texture.texels, 2 * texels);
+  }
+  size_t width = static_cast<size_t>(f.width), height = static_cast<size_t>(f.height);
+  f.meshes = constant.put(meshes.data(), meshes.size());
+  f.textures = constant.put(textures.data(), textures.size());
+  f.surfaces = constant.put(f.surfaces, appearance.surfaces.size());
+  f.lens = constant.put(f.lens, 3 * (width + 1) * (height + 1));
+  f.vignette = constant.put(f.vignette, width * height);
+  auto put_samples = [&](Frame& one) {
+    one.sample_x = constant.put(one.sample_x, static_cast<size_t>(one.samples));
+    one.sample_y = constant.put(one.sample_y, static_cast<size_t>(one.samples));
+    one.tap_x = constant.put(one.tap_x, static_cast<size_t>(one.taps));
+    one.tap_y = constant.put(one.tap_y, static_cast<size_t>(one.taps));
+  };
+  put_samples(f);
+  // bounds of packets, which a pixel alone does not need
+  f.primary = f.pairs = nullptr;
+  // what a tick changes
+  size_t geoms = static_cast<size_t>(f.geom_count), lights = appearance.lights.size();
+  f.geoms = tick.put(f.geoms, geoms);
+  f.lights = tick.put(f.lights, lights);
+  size_t spheres = static_cast<size_t>(f.bounds.count);
+  for (const float** array : {&f.bounds.x, &f.bounds.y, &f.bounds.z, &f.bounds.radius}) {
+    *array = tick.put(*array, spheres);
+  }
+  for (int level = 0; level < GeomBvh::LEVELS; level++) {
+    BoundingBoxArray& b = f.bvh.boxes[level];
+    for (const float** array : {&b.x, &b.y, &b.z, &b.half_x, &b.half_y, &b.half_z}) {
+      *array = tick.put(*array, inputs.bvh_boxes[level]);
+    }
+  }
+  f.bvh.geoms = tick.put(f.bvh.geoms, inputs.bvh_geoms);
+  LightReachArray& r = f.reach;
+  for (const float** array : {&r.x, &r.y, &r.z, &r.direction_x, &r.direction_y, &r.direction_z,
+                              &r.cosine, &r.sine, &r.fade}) {
+    *array = tick.put(*array, lights + 31);
+  }
+  frame = f;
+  // the first pass differs in its samples only
+  first_pass = inputs.first_pass;
+  if (first_pass.samples == 0) return;
+  put_samples(first_pass);
+  first_pass.meshes = f.meshes, first_pass.textures = f.textures, first_pass.surfaces = f.surfaces;
+  first_pass.lens = f.lens, first_pass.vignette = f.vignette;
+  first_pass.primary = first_pass.pairs = nullptr;
+  first_pass.geoms = f.geoms, first_pass.lights = f.lights;
+  first_pass.bounds = f.bounds, first_pass.bvh = f.bvh, first_pass.reach = f.reach;
+}
+
+void render_device_frame(const Kernel& kernel, const Frame& frame, const Frame& first_pass,
+                         float* luminance) {
+  constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT;
+  bool adaptive = first_pass.samples > 0;
+  std::vector<float> untextured(adaptive ? static_cast<size_t>(frame.width) * frame.height : 0);
+  auto at = [&](int x, int y) { return static_cast<long>(y) * frame.width + x; };
+  auto for_image = [&](auto pixel) {
+    for (int y = 0; y < frame.height; y++) {
+      for (int x = 0; x < frame.width; x++) pixel(x, y);
+    }
+  };
+  for_image([&](int x, int y) {
+    float* plain = adaptive ? &untextured[static_cast<size_t>(at(x, y))] : nullptr;
+    kernel.trace_pixels(adaptive ? first_pass : frame, &x, &y, 1, luminance + at(x, y), plain);
+  });
+  if (!adaptive) return;
+  for_image([&](int x, int y) {
+    float near[9][PACKET] = {}, weight[PACKET], all;
+    const float* neighbours[9];
+    for (int i = 0; i < 9; i++) {
+      int column = std::clamp(x + i % 3 - 1, 0, frame.width - 1);
+      int row = std::clamp(y + i / 3 - 1, 0, frame.height - 1);
+      near[i][0] = untextured[static_cast<size_t>(at(column, row))];
+      neighbours[i] = near[i];
+    }
+    kernel.refinement_weight(neighbours, weight);
+    if (!(weight[0] > 0)) return;
+    kernel.trace_pixels(frame, &x, &y, 1, &all, nullptr);
+    luminance[at(x, y)] = blend(luminance[at(x, y)], all, weight[0]);
+  });
+}
+
+}  // namespace evs

@@ -1,0 +1,75 @@
+// The `direct` integrator: a pixel a thread, 8 x 4 pixels a warp. With adaptive antialiasing in two
+// passes, as in antialiasing.h.
+#include "prelude.h"
+
+#include "integrators/antialiasing.inl"
+#include "integrators/blend.h"
+
+// channels of the frame
+#ifndef EVS_CHANNELS
+#define EVS_CHANNELS 1
+#endif
+// of 128 threads, on a multiprocessor: more leave fewer registers to each
+#ifndef EVS_BLOCKS
+#define EVS_BLOCKS 3
+#endif
+// whether there are two passes
+#ifndef EVS_ADAPTIVE
+#define EVS_ADAPTIVE 0
+#endif
+
+namespace evs {
+
+// The pixel of a thread. Returns whether there is one.
+EVS_INLINE bool pixel_of_thread(const Frame& frame, int& x, int& y) {
+  x = static_cast<int>(blockIdx.x * 8 + threadIdx.x % 8);
+  y = static_cast<int>(blockIdx.y * 16 + threadIdx.x / 8);
+  return x < frame.width && y < frame.height;
+}
+
+#if !EVS_ADAPTIVE
+
+// All samples of every pixel. Out: (h, w).
+extern "C" __global__ void __launch_bounds__(128, EVS_BLOCKS)
+    direct(const __grid_constant__ Frame frame, float* luminance) {
+  int x, y;
+  if (!pixel_of_thread(frame, x, y)) return;
+  float* out = luminance + static_cast<long>(y) * frame.width + x;
+  cuda::trace_scattered<EVS_CHANNELS>(frame, &x, &y, 1, out, nullptr);
+}
+
+#else
+
+// One sample of every pixel. Out: (h, w) each.
+extern "C" __global__ void __launch_bounds__(128, EVS_BLOCKS)
+    first_pass(const __grid_constant__ Frame base, float* luminance, float* untextured) {
+  int x, y;
+  if (!pixel_of_thread(base, x, y)) return;
+  long at = static_cast<long>(y) * base.width + x;
+  cuda::trace_scattered<EVS_CHANNELS + 1>(base, &x, &y, 1, luminance + at, untextured + at);
+}
+
+// All samples of the pixels at an edge. In: untextured (h, w). In/out: luminance (h, w).
+extern "C" __global__ void __launch_bounds__(128, EVS_BLOCKS)
+    second_pass(const __grid_constant__ Frame frame, const float* untextured, float* luminance) {
+  int x, y;
+  if (!pixel_of_thread(frame, x, y)) return;
+  const float* neighbours[9];
+  for (int i = 0; i < 9; i++) {
+    // clamp to the image
+    int column = x + i % 3 - 1, row = y + i / 3 - 1;
+    column = column < 0 ? 0 : column >= frame.width ? frame.width - 1 : column;
+    row = row < 0 ? 0 : row >= frame.height ? frame.height - 1 : row;
+    neighbours[i] = untextured + static_cast<long>(row) * frame.width + column;
+  }
+  float weight, all;
+  cuda::refinement_weight(neighbours, &weight);
+  if (!(weight > 0)) return;
+  cuda::trace_scattered<EVS_CHANNELS>(frame, &x, &y, 1, &all, nullptr);
+  float& out = luminance[static_cast<long>(y) * frame.width + x];
+  out = blend(out, all, weight);
+}
+
+#endif
+
+}  // namespace evs

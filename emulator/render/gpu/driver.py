@@ -1,0 +1,193 @@
+"""The first NVIDIA GPU of this machine: memory, kernels, launches; and the compiler for it.
+
+The door to cuda.bindings: CUDA's driver and NVRTC, which needs neither a GPU nor a driver.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.msgs import EvsError
+
+U8 = npt.NDArray[np.uint8]
+
+INSTALL = "pip install 'evs[cuda]'"
+
+
+@cache
+def why_no_gpu() -> str:
+    """Why nothing can be rendered on a GPU here, as a reason; "": it can."""
+    try:
+        from cuda.bindings import driver
+    except ImportError:
+        return f"the extra cuda is not installed: {INSTALL}"
+    try:
+        (error,) = driver.cuInit(0)
+    except RuntimeError:
+        return "this machine has no NVIDIA driver"
+    if error != driver.CUresult.CUDA_SUCCESS:
+        return f"there is no NVIDIA GPU ({error.name})"
+    return ""
+
+
+@cache
+def the_gpu() -> Gpu:
+    """The first GPU, initialised once.
+
+    Raises:
+        EvsError: There is none, or the extra is not installed.
+    """
+    if reason := why_no_gpu():
+        raise EvsError(f"nothing can be rendered on a GPU: {reason}")
+    return Gpu()
+
+
+def compiler() -> Any:
+    """NVRTC, as cuda.bindings.nvrtc.
+
+    Raises:
+        EvsError: It is not installed.
+    """
+    try:
+        from cuda.bindings import nvrtc
+
+        nvrtc.nvrtcVersion()
+    except (ImportError, RuntimeError):
+        raise EvsError(f"the compiler for GPUs is not installed: {INSTALL}") from None
+    return nvrtc
+
+
+class Gpu:
+    """A GPU with one stream of work."""
+
+    def __init__(self) -> None:
+        """Take the first one. `why_no_gpu` has found it."""
+        from cuda.bindings import driver
+
+        self._driver = driver
+        of = driver.CUdevice_attribute
+        device = self.checked(driver.cuDeviceGet(0))
+        self._context = self.checked(driver.cuDevicePrimaryCtxRetain(device))
+        self.use()
+        self._stream = self.checked(driver.cuStreamCreate(0))
+
+        def attribute(which: Any) -> int:
+            return int(self.checked(driver.cuDeviceGetAttribute(which, device)))
+
+        self.name = self.checked(driver.cuDeviceGetName(256, device)).split(b"\0")[0].decode()
+        """what its maker calls it"""
+        self.architecture = 10 * attribute(
+            of.CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MAJOR
+        ) + attribute(of.CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MINOR)
+        """its compute capability, such as 90 for 9.0"""
+
+    def checked(self, result: tuple[Any, ...]) -> Any:
+        """What a call of the driver returns besides its error.
+
+        Raises:
+            EvsError: The call failed.
+        """
+        if result[0] != self._driver.CUresult.CUDA_SUCCESS:
+            raise EvsError(f"the GPU failed: {result[0].name}; render.device=cpu needs none")
+        return result[1] if len(result) == 2 else None
+
+    def use(self) -> None:
+        """Let this thread of Python use it."""
+        self.checked(self._driver.cuCtxSetCurrent(self._context))
+
+    def allocate(self, size: int) -> DeviceMemory:
+        """So many bytes on it. Raises EvsError where it has no more."""
+        return DeviceMemory(self, size)
+
+    def pinned(self, shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+        """An array of zeros that it copies from and to at full speed."""
+        return np.asarray(_PinnedMemory(self, shape, np.dtype(dtype)))
+
+    def upload(self, memory: DeviceMemory, source: U8) -> None:
+        """Copy an array there, after all that was launched; it must not change meanwhile."""
+        self.checked(
+            self._driver.cuMemcpyHtoDAsync(
+                memory.address, source.ctypes.data, source.nbytes, self._stream
+            )
+        )
+
+    def download(self, target: npt.NDArray[Any], memory: DeviceMemory) -> None:
+        """Copy to an array, and wait for it."""
+        self.checked(
+            self._driver.cuMemcpyDtoHAsync(
+                target.ctypes.data, memory.address, target.nbytes, self._stream
+            )
+        )
+        self.wait()
+
+    def wait(self) -> None:
+        """Wait for all that was launched."""
+        self.checked(self._driver.cuStreamSynchronize(self._stream))
+
+    def kernel(self, code: bytes, name: str) -> Any:
+        """A kernel of machine code, for `launch`."""
+        module = self.checked(self._driver.cuModuleLoadData(code))
+        return self.checked(self._driver.cuModuleGetFunction(module, name.encode()))
+
+    def launch(
+        self, kernel: Any, blocks: Sequence[int], threads: int, *arguments: npt.NDArray[Any]
+    ) -> None:
+        """Launch a kernel.
+
+        Args:
+            kernel: Of `kernel`.
+            blocks: How many along x and y.
+            threads: Of a block.
+            arguments: An array with the bytes of each parameter.
+        """
+        pointers = np.array([argument.ctypes.data for argument in arguments], np.uint64)
+        x, y = blocks
+        self.checked(
+            self._driver.cuLaunchKernel(
+                kernel, x, y, 1, threads, 1, 1, 0, self._stream, pointers.ctypes.data, 0
+            )
+        )
+
+
+class DeviceMemory:
+    """Bytes on a GPU, freed with this object."""
+
+    def __init__(self, gpu: Gpu, size: int) -> None:
+        """Allocate. Raises EvsError where there is no more."""
+        self._gpu, self._free = gpu, gpu._driver.cuMemFree
+        self.address = int(gpu.checked(gpu._driver.cuMemAlloc(max(size, 1))))
+
+    @property
+    def argument(self) -> npt.NDArray[np.uint64]:
+        """As a parameter of a kernel."""
+        return np.array([self.address], np.uint64)
+
+    def __del__(self) -> None:
+        if hasattr(self, "address"):
+            # what fails here has been freed with the process
+            self._free(self.address)
+
+
+class _PinnedMemory:
+    """What an array of `Gpu.pinned` lies in, freed with the array."""
+
+    def __init__(self, gpu: Gpu, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+        self._free = gpu._driver.cuMemFreeHost
+        size = max(int(np.prod(shape)) * dtype.itemsize, 1)
+        self._address = int(gpu.checked(gpu._driver.cuMemAllocHost(size)))
+        self.__array_interface__ = {
+            "shape": shape,
+            "typestr": dtype.str,
+            "data": (self._address, False),
+            "version": 3,
+        }
+        np.asarray(self).fill(0)
+
+    def __del__(self) -> None:
+        if hasattr(self, "_address"):
+            self._free(self._address)

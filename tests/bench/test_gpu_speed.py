@@ -1,0 +1,140 @@
+"""`direct` on a GPU beside the CPU: the bytes, the time of a frame, and of a whole tick in an open
+loop. Each film is rendered by both."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from time import perf_counter
+
+import mujoco
+import numpy as np
+import pytest
+
+import evs
+from evs.emulator.base.cores import cores
+from evs.emulator.config import RenderConfig
+from evs.emulator.render import make_renderer
+from evs.emulator.render.gpu.driver import the_gpu, why_no_gpu
+from evs.emulator.simulation.pipelined import PipelinedWorld
+from reference.film import ROOM, VIEWS, Film, model_of
+
+SIZES = ((346, 260), (1280, 720))
+SAMPLES = {"1 sample": (1, "fixed"), "4 at edges": (4, "adaptive"), "4 samples": (4, "fixed")}
+TICKS, TICKS_OF_ONE = 40, 8
+TICKS_OF_LOOP, SETTLED, TENTH = 600, 99, 50
+
+pytestmark = [
+    pytest.mark.bench,
+    pytest.mark.skipif(bool(why_no_gpu()), reason=why_no_gpu() or "there is one"),
+]
+
+
+def spread(ms: list[float]) -> str:
+    """Median and range, ms."""
+    return f"{np.median(ms):.3g} ({min(ms):.3g} ... {max(ms):.3g})"
+
+
+def processor() -> str:
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    return next((line.split(":")[1].strip() for line in lines if "model name" in line), "?")
+
+
+def frames(
+    film: Film, config: RenderConfig, threads: int, ticks: int = TICKS
+) -> tuple[list[bytes], list[float]]:
+    """The bytes of each frame of a film, and ms of each; the first of them does not count."""
+    renderer = make_renderer(film.scene, film.camera, config, threads)
+    light, ms = [], []
+    for snapshot, pose in film.taken[:ticks]:
+        begin = perf_counter()
+        frame = renderer.render(snapshot, pose)
+        ms.append(1e3 * (perf_counter() - begin))
+        light.append(frame.tobytes())
+    return light, ms[1:]
+
+
+def test_a_frame(robot_files: dict[str, Path]) -> None:
+    print(f"\n{the_gpu().name}; {cores()} cores, {processor()}\n")
+    print("| scene | image | camera | samples | GPU | CPU, 1 thread | CPU, all threads | bytes |")
+    print("|---|---|---|---|---:|---:|---:|---|")
+    differ = 0
+    for name, (width, height), motion in product(
+        ("gymnasium/humanoid", "room"), SIZES, ("still", "pan")
+    ):
+        model = model_of(name, robot_files, soft=False)
+        film = Film(model, motion, width, height, TICKS, VIEWS.get(name))
+        for samples, (spp, antialiasing) in SAMPLES.items():
+            config = RenderConfig(spp=spp, antialiasing=antialiasing)
+            here, all_ms = frames(film, config, 0)
+            _, one_ms = frames(film, config, 1, TICKS_OF_ONE)
+            there, gpu_ms = frames(film, replace(config, device="cuda"), 1)
+            same = "equal" if here == there else "DIFFER"
+            differ += here != there
+            print(
+                f"| {name} | {width} x {height} | {motion} | {samples} | {spread(gpu_ms)} "
+                f"| {spread(one_ms)} | {spread(all_ms)} | {same} |",
+                flush=True,
+            )
+    assert differ == 0
+
+
+class Unmetered:
+    """A meter of ticks that measures nothing."""
+
+    def lap(self, stage: str) -> None:
+        pass
+
+    def begin_tick(self) -> None:
+        pass
+
+    def skip(self) -> None:
+        pass
+
+    def end_tick(self) -> None:
+        pass
+
+
+def room(width: int, height: int, turning: bool, device: str) -> evs.World:
+    """The room, seen by a camera of the preset `fast` that stands or turns by 170 px/s."""
+    eye = """<body pos="0 -3 1.2"><joint name="eye" axis="0 0 1"/><inertial pos="0 0 0" mass="1"
+      diaginertia="1 1 1"/><camera name="eye" xyaxes="1 0 0 0 0 1" fovy="60"/></body></worldbody>"""
+    model = mujoco.MjModel.from_xml_string(ROOM.replace("</worldbody>", eye))
+    world = evs.World(model, seed=1)
+    sensor = evs.SensorConfig(preset="davis346", width=width, height=height, photocurrent_pa=0.0)
+    world.add_camera("eye", sensor=sensor, render=RenderConfig(spp=1, device=device))
+    if turning:
+        world.data.qvel[world.model.joint("eye").dofadr] = 170.0 * np.tan(np.pi / 6) * 2 / height
+    return world
+
+
+def test_a_tick_in_an_open_loop() -> None:
+    """Physics, light and pixels; light is made ahead of the pixels."""
+    print(f"\n{the_gpu().name}; {cores()} cores, {processor()}\n")
+    print("| image | camera | light | ms a tick | events a tick | bytes |")
+    print("|---|---|---|---:|---:|---|")
+    differ = 0
+    for (width, height), turning in product(SIZES, (False, True)):
+        seen: dict[str, bytes] = {}
+        for device in ("cpu", "cuda"):
+            world = room(width, height, turning, device)
+            ahead = PipelinedWorld(world, TICKS_OF_LOOP, Unmetered(), 8)
+            found, ends = [], []
+            for _ in range(TICKS_OF_LOOP):
+                (packet,) = ahead.step()
+                ends.append(perf_counter())
+                found.append(packet.events.tobytes())
+            ahead.close()
+            seen[device] = b"".join(found)
+            same = "" if device == "cpu" else "equal" if seen["cpu"] == seen["cuda"] else "DIFFER"
+            differ += same == "DIFFER"
+            events = len(seen[device]) / packet.events.dtype.itemsize / TICKS_OF_LOOP
+            # the mean of tenths: single ticks wait for each other
+            tenths = 1e3 * np.diff(ends[SETTLED::TENTH]) / TENTH
+            print(
+                f"| {width} x {height} | {'turns' if turning else 'stands'} | {device} "
+                f"| {spread(tenths.tolist())} | {events:.0f} | {same} |",
+                flush=True,
+            )
+    assert differ == 0

@@ -1,0 +1,145 @@
+"""`direct` on a GPU has the bytes of the CPU: on the GPU where there is one, else on a stand-in
+that runs the CPU's kernels on what would be uploaded."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from gpu.stand_in import StandInGpu
+
+import evs
+from evs.emulator.base.protocols import Renderer
+from evs.emulator.config import CameraConfig, RenderConfig
+from evs.emulator.render import make_renderer
+from evs.emulator.render.gpu import direct, driver
+from evs.msgs import EvsError
+from reference.random_scenes import RandomStage
+
+SWING = Path(__file__).parents[3] / "config/scenes/pendulum.xml"
+
+
+@pytest.fixture
+def device(monkeypatch: pytest.MonkeyPatch) -> StandInGpu | None:
+    """The stand-in, which must be told the image's shape; None: a GPU renders."""
+    if not driver.why_no_gpu():
+        return None
+    gpu = StandInGpu()
+    monkeypatch.setattr(direct, "the_gpu", lambda: gpu)
+    monkeypatch.setattr(direct, "cached_kernel", lambda *told: b"")
+    monkeypatch.setattr("evs.emulator.render.selection.why_no_gpu", lambda: "")
+    return gpu
+
+
+def on_device(device: StandInGpu | None, stage: RandomStage, **render: Any) -> Renderer:
+    """The renderer of a stage on the device."""
+    if device:
+        device.shape = stage.camera.height, stage.camera.width
+    made = stage.renderer(device="cuda", **render)
+    assert isinstance(made, direct.CudaDirectRenderer)
+    return made
+
+
+@pytest.mark.parametrize("antialiasing", ["fixed", "adaptive"])
+@pytest.mark.parametrize("seed", range(12))
+def test_light_is_that_of_the_cpu(device: StandInGpu | None, seed: int, antialiasing: str) -> None:
+    """Scenes of everything: materials, maps, sky, fog, haze, lenses, lamps that pulse, and many
+    geoms."""
+    many = 150 if seed % 4 == 3 else None
+    stage = RandomStage(seed, rich=seed % 2 == 0, many=many)
+    render = {"spp": (1, 4)[seed % 2] if antialiasing == "fixed" else 4}
+    cpu = stage.renderer(antialiasing=antialiasing, **render)
+    there = on_device(device, stage, antialiasing=antialiasing, **render)
+    for tick, (frame, pose) in enumerate(stage.film(4)):
+        expected = cpu.render(frame, pose).copy()
+        assert there.render(frame, pose).tobytes() == expected.tobytes(), tick
+        into = np.empty_like(expected)
+        assert there.render(frame, pose, into) is into
+        assert into.tobytes() == expected.tobytes()
+
+
+def test_what_stays_is_uploaded_once(device: StandInGpu | None) -> None:
+    if device is None:
+        pytest.skip("only a stand-in counts")
+    stage = RandomStage(2, rich=True)
+    there = on_device(device, stage)
+    (frame, pose) = stage.film(1)[0]
+    constant = device.uploaded
+    there.render(frame, pose)
+    tick = device.uploaded - constant
+    there.render(frame, pose)
+    assert device.uploaded == constant + 2 * tick
+    assert tick < constant
+
+
+def test_events_are_those_of_the_cpu(device: StandInGpu | None) -> None:
+    """With a lens and vignetting, and of a saved state that goes on elsewhere."""
+    if device:
+        device.shape = 24, 32
+    sensor = evs.SensorConfig(preset="davis346", width=32, height=24)
+    lens = CameraConfig(
+        distance=2.0, distortion_model="plumb_bob", distortion=(0.1, 0, 0, 0, 0), vignetting="cos4"
+    )
+    worlds = [evs.World(SWING, seed=3) for _ in range(2)]
+    for world, where in zip(worlds, ("cpu", "cuda"), strict=True):
+        world.add_camera(lens, sensor=sensor, render=RenderConfig(device=where))
+    seen = 0
+    for tick in range(60):
+        (one,), (other,) = (world.step() for world in worlds)
+        assert one.events.tobytes() == other.events.tobytes(), tick
+        seen += len(one.events)
+    assert seen > 100
+    worlds[0].restore(worlds[1].save())
+    (one,), (other,) = (world.step() for world in worlds)
+    assert one.events.tobytes() == other.events.tobytes()
+
+
+def test_worlds_on_a_gpu_are_stepped_one_by_one(device: StandInGpu | None) -> None:
+    if device:
+        device.shape = 24, 32
+    sensor = evs.SensorConfig(preset="ideal", width=32, height=24)
+    seen = []
+    for where in ("cpu", "cuda"):
+        worlds = evs.Worlds(SWING, 2, threads=1)
+        worlds.add_camera(
+            CameraConfig(distance=2.0), sensor=sensor, render=RenderConfig(device=where)
+        )
+        (events,) = worlds.step(ticks=60)
+        seen.append(events.events.tobytes())
+    assert "render.device is cuda" in worlds.one_by_one
+    assert seen[0] == seen[1] != b""
+
+
+@pytest.mark.parametrize(
+    ("render", "says"),
+    [
+        ({"renderer": "path"}, "render.renderer is path, and a GPU renders direct only"),
+        ({"device": "gpu"}, "render.device"),
+    ],
+)
+def test_what_a_gpu_cannot_do_is_refused(render: dict[str, Any], says: str) -> None:
+    stage = RandomStage(1)
+    with pytest.raises(EvsError, match=says):
+        stage.renderer(**{"device": "cuda", **render})
+
+
+def test_colour_stays_on_the_cpu() -> None:
+    stage = RandomStage(1)
+    config = RenderConfig(device="cuda")
+    with pytest.raises(EvsError, match="colour is rendered on the CPU only; take cpu, or auto"):
+        make_renderer(stage.scene, stage.camera, config, 1, rgb=True)
+    auto = make_renderer(stage.scene, stage.camera, replace(config, device="auto"), 1, rgb=True)
+    assert not isinstance(auto, direct.CudaDirectRenderer)
+
+
+def test_a_machine_without_a_gpu_says_so() -> None:
+    reason = driver.why_no_gpu()
+    if not reason:
+        pytest.skip("there is one")
+    stage = RandomStage(1)
+    with pytest.raises(EvsError, match=r"render.device is cuda, but .*; take cpu, or auto"):
+        stage.renderer(device="cuda")
+    assert not isinstance(stage.renderer(device="auto"), direct.CudaDirectRenderer)

@@ -1,0 +1,57 @@
+"""Compile the kernels of one lane for GPUs, by NVRTC: no GPU, no driver and no other compiler.
+
+    python compile.py KERNEL ARCHITECTURE OUT [NAME=VALUE | OPTION]...
+
+Writes PTX where OUT ends in .ptx, else machine code of that architecture (90: H100 and H200).
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from evs.emulator.render.gpu.compiler import CORE, KERNELS, SAME_BYTES, compile_kernel
+
+TESTED = CORE / "tests/gpu"
+
+
+def compiled(
+    kernel: str,
+    target: str,
+    defined: Mapping[str, int] | None = None,
+    options: Sequence[str] = SAME_BYTES,
+) -> bytes:
+    """Compile a kernel, as `compile_kernel` does.
+
+    Args:
+        kernel: Name of a file of emulator/core/render/gpu or emulator/core/tests/gpu, without .cu.
+        target: As of compile_kernel.
+        defined: As of compile_kernel.
+        options: As of compile_kernel.
+    """
+    folder = next(f for f in (KERNELS, TESTED) if (f / f"{kernel}.cu").is_file())
+    rooms = (TESTED, CORE / "sensor", CORE / "evsnet")
+    return compile_kernel(folder / f"{kernel}.cu", target, defined, options, rooms)
+
+
+def main() -> None:
+    kernel, architecture, out = sys.argv[1:4]
+    options, defined = [*SAME_BYTES], {}
+    for word in sys.argv[4:]:
+        name, _, value = word.partition("=")
+        if not word.startswith("-"):
+            defined[name] = int(value)
+            continue
+        # the later of two options of one name holds
+        options = [known for known in options if known.split("=")[0] != name]
+        options.append(word)
+    target = ("compute_" if out.endswith(".ptx") else "sm_") + architecture
+    started = time.monotonic()
+    Path(out).write_bytes(compiled(kernel, target, defined, options))
+    print(f"{kernel} {target} {time.monotonic() - started:.1f} s: {out}")
+
+
+if __name__ == "__main__":
+    main()
