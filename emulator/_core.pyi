@@ -341,19 +341,19 @@ class Caster:
         hybrid the nodes and bytes of its cache, and the paths traced for them.
         """
 
-def trace_device_frame(frame: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], first_pass: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')]) -> None:
+def trace_device_frame(arguments: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')]) -> None:
     """
     Render a frame of DeviceFrame whose addresses are those of arrays, as a device does:
     for tests.
 
     Args:
-        frame, first_pass: (frame_bytes,) uint8, of copy_tick.
+        arguments: (argument_bytes,) uint8, of copy_tick.
         luminance: (h, w) float32, the output.
     """
 
 class DeviceFrame:
     """
-    The frames of `direct` for a device with memory of its own.
+    The frames of `direct` or `path` for a device with memory of its own.
 
     Everything that a frame points to lies in two blocks of memory: one
     that stays, and one that each tick replaces.
@@ -362,7 +362,8 @@ class DeviceFrame:
     def __init__(self, caster: Caster) -> None:
         """
         Args:
-            caster: Of `direct` without colour, whose meshes do not deform.
+            caster: Of `direct`, or of `path` with a fixed number of samples; without colour.
+                Its meshes must not deform, nor with `path` its geoms be resized.
         """
 
     def copy_constant(self, address: int, out: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')]) -> None:
@@ -374,7 +375,7 @@ class DeviceFrame:
             out: (constant_bytes,) uint8, the output.
         """
 
-    def copy_tick(self, geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(9), order='C', device='cpu', writable=False)], constant: int, tick: int, out: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')], frame: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')], first_pass: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')]) -> None:
+    def copy_tick(self, geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(9), order='C', device='cpu', writable=False)], constant: int, tick: int, out: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')], arguments: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')], seed: int = 0) -> None:
         """
         Place everything for a tick, and copy what it changes.
 
@@ -384,8 +385,8 @@ class DeviceFrame:
             camera_pos, camera_mat: (3,) and (9,) float64, world frame.
             constant, tick: Where the blocks lie on the device.
             out: (tick_bytes,) uint8, the output.
-            frame: (frame_bytes,) uint8, out: the kernel's argument.
-            first_pass: (frame_bytes,) uint8, out: that of the first pass, if adaptive.
+            arguments: (argument_bytes,) uint8, the output: those of the kernels.
+            seed: The seed of this tick, for path.
         """
 
     @property
@@ -397,8 +398,14 @@ class DeviceFrame:
         """Bytes of what a tick changes."""
 
     @property
-    def frame_bytes(self) -> int:
-        """Bytes of a frame."""
+    def argument_bytes(self) -> int:
+        """Bytes of the arguments."""
+
+    @property
+    def argument_offsets(self) -> tuple[int, int, int]:
+        """
+        Where in the arguments the frame is, that of a first pass, and that of paths.
+        """
 
     @property
     def adaptive(self) -> bool:

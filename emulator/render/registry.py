@@ -66,6 +66,7 @@ RENDERERS = {
         max_spp=4096,
         seeds=("fixed", "fresh", "cycle"),
         options=("threads", "rgb", "seed", "switches", "like"),
+        cuda="evs.emulator.render.gpu.path:CudaPathRenderer",
         paths=True,
         bounces=True,
         adaptive=True,

@@ -12,7 +12,6 @@ from evs.emulator.config import RenderConfig
 from evs.emulator.render.cycle import CycleRenderer
 from evs.emulator.render.direct import DirectRenderer
 from evs.emulator.render.gpu.driver import why_no_gpu
-from evs.emulator.render.path import PathRenderer
 from evs.emulator.render.registry import RENDERERS
 from evs.msgs import EvsError, unknown
 from evs.msgs.registry import load
@@ -63,16 +62,16 @@ def make_renderer(
         )
     like = like.renderers[0] if isinstance(like, CycleRenderer) else like
     before = like if isinstance(like, DirectRenderer) else None
+    target = load(row.cuda if device_of(scene, config, rgb) == "cuda" else row.target)
     if config.seeds == "cycle":
-        one = partial(PathRenderer, scene, camera, config, threads, rgb, seed, switches)
+        one = partial(target, scene, camera, config, threads, rgb, seed, switches)
         first = one(before)
         # the others share its threads, meshes and images
         rest = [one(first, point_set) for point_set in range(1, config.cycle_ticks)]
         return CycleRenderer([first, *rest])
-    target = row.cuda if device_of(scene, config, rgb) == "cuda" else row.target
     options = {"threads": threads, "rgb": rgb, "seed": seed, "switches": switches, "like": before}
     given = {name: options[name] for name in row.options}
-    made: Renderer = load(target)(scene, camera, config, **given)
+    made: Renderer = target(scene, camera, config, **given)
     return made
 
 
@@ -97,12 +96,15 @@ def device_of(scene: SceneModel, config: RenderConfig, rgb: bool = False) -> str
 
 def _why_not_cuda(scene: SceneModel, config: RenderConfig, rgb: bool) -> str:
     """Why no GPU can render this, as a reason; "": one can."""
-    if not RENDERERS[config.renderer].cuda:
-        able = ", ".join(name for name, row in RENDERERS.items() if row.cuda)
+    row = RENDERERS[config.renderer]
+    if not row.cuda:
+        able = " and ".join(name for name, row in RENDERERS.items() if row.cuda)
         return f"render.renderer is {config.renderer}, and a GPU renders {able} only"
     if rgb:
         return "colour is rendered on the CPU only"
-    if scene.deforming:
+    if row.paths and config.antialiasing == "adaptive":
+        return "paths at edges only (render.antialiasing=adaptive) are traced on the CPU"
+    if scene.deforming or (row.paths and len(scene.stretching)):
         return "the scene has shapes that deform"
     return ""
 

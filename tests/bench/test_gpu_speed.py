@@ -80,6 +80,29 @@ def test_a_frame(robot_files: dict[str, Path]) -> None:
     assert differ == 0
 
 
+def test_a_frame_of_paths(robot_files: dict[str, Path]) -> None:
+    """64 samples at 640 x 360 are what the paper counts in."""
+    print(f"\n{the_gpu().name}; {cores()} cores, {processor()}\n")
+    print("| scene | image | camera | samples | GPU | CPU, all threads | bytes |")
+    print("|---|---|---|---|---:|---:|---|")
+    differ = 0
+    for name, (size, spp) in product(
+        ("gymnasium/humanoid", "room"), (((346, 260), 4), ((346, 260), 64), ((640, 360), 64))
+    ):
+        film = Film(model_of(name, robot_files), "pan", *size, TICKS_OF_ONE, VIEWS.get(name))
+        config = RenderConfig(renderer="path", spp=spp)
+        here, cpu_ms = frames(film, config, 0)
+        there, gpu_ms = frames(film, replace(config, device="cuda"), 1)
+        same = "equal" if here == there else "DIFFER"
+        differ += here != there
+        print(
+            f"| {name} | {size[0]} x {size[1]} | pan | {spp} | {spread(gpu_ms)} "
+            f"| {spread(cpu_ms)} | {same} |",
+            flush=True,
+        )
+    assert differ == 0
+
+
 class Unmetered:
     """A meter of ticks that measures nothing."""
 

@@ -115,11 +115,13 @@ class Caster {
     return {*kernel_, frame_, paths_};
   }
 
-  bool is_direct() const { return !emitters_ && !irradiance_; }
-  // What a device needs to render a tick of `direct`: see DeviceFrame.
+  // Neither `hybrid` nor samples at edges of `path`, which a device does not render.
+  bool fits_device() const { return !irradiance_ && !edges_; }
+  // What a device needs to render a tick: see DeviceFrame.
   struct DeviceInputs {
     Frame frame;
     Frame first_pass;  // of adaptive antialiasing; else without samples
+    PathFrame paths;
     const Appearance& appearance;
     size_t bvh_boxes[GeomBvh::LEVELS], bvh_geoms;
   };

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <memory>
 #include <vector>
 
 #include "integrators/blend.h"
@@ -34,7 +35,7 @@ class DeviceFrame::Block {
 };
 
 Caster::DeviceInputs Caster::device_inputs() const {
-  DeviceInputs inputs = {frame_, {}, appearance_, {}, bvh_->geoms()};
+  DeviceInputs inputs = {frame_, {}, paths_, appearance_, {}, bvh_->geoms()};
   inputs.frame.bounds = spheres_.view();
   inputs.frame.bvh = bvh_->view();
   if (antialiasing_) inputs.first_pass = antialiasing_->base_frame(inputs.frame);
@@ -48,6 +49,7 @@ void Caster::place_for_device(const Poses& poses) {
   place_geoms(poses);
   place_lights(poses);
   place_medium();
+  paths_.seed = poses.seed;
   work_.ticks++;
   work_.packets_traced += static_cast<long>(sampling_.rows) * sampling_.columns;
   traced_fraction_ = 1;
@@ -55,26 +57,24 @@ void Caster::place_for_device(const Poses& poses) {
 
 DeviceFrame::DeviceFrame(Caster& caster) : caster_(caster) {
   Block constant(0, nullptr), tick(0, nullptr);
-  Frame frame, first_pass;
-  lay_out(constant, tick, frame, first_pass);
+  lay_out(constant, tick);
   constant_bytes_ = constant.bytes();
   tick_bytes_ = tick.bytes();
 }
 
 void DeviceFrame::copy_constant(uint64_t address, char* out) const {
   Block constant(address, out), tick(0, nullptr);
-  Frame frame, first_pass;
-  lay_out(constant, tick, frame, first_pass);
+  lay_out(constant, tick);
 }
 
 void DeviceFrame::copy_tick(const Poses& poses, uint64_t constant, uint64_t tick, char* out,
-                            Frame& frame, Frame& first_pass) const {
+                            DeviceArguments& arguments) const {
   caster_.place_for_device(poses);
   Block stays(constant, nullptr), changes(tick, out);
-  lay_out(stays, changes, frame, first_pass);
+  arguments = lay_out(stays, changes);
 }
 
-void DeviceFrame::lay_out(Block& constant, Block& tick, Frame& frame, Frame& first_pass) const {
+DeviceArguments DeviceFrame::lay_out(Block& constant, Block& tick) const {
   Caster::DeviceInputs inputs = caster_.device_inputs();
   Frame f = inputs.frame;
   const Appearance& appearance = inputs.appearance;
@@ -128,22 +128,40 @@ void DeviceFrame::lay_out(Block& constant, Block& tick, Frame& frame, Frame& fir
                               &r.cosine, &r.sine, &r.fade}) {
     *array = tick.put(*array, lights + 31);
   }
-  frame = f;
   // the first pass differs in its samples only
-  first_pass = inputs.first_pass;
-  if (first_pass.samples == 0) return;
-  put_samples(first_pass);
-  first_pass.meshes = f.meshes, first_pass.textures = f.textures, first_pass.surfaces = f.surfaces;
-  first_pass.lens = f.lens, first_pass.vignette = f.vignette;
-  first_pass.primary = first_pass.pairs = nullptr;
-  first_pass.geoms = f.geoms, first_pass.lights = f.lights;
-  first_pass.bounds = f.bounds, first_pass.bvh = f.bvh, first_pass.reach = f.reach;
+  Frame first = inputs.first_pass;
+  if (first.samples > 0) {
+    put_samples(first);
+    first.meshes = f.meshes, first.textures = f.textures, first.surfaces = f.surfaces;
+    first.lens = f.lens, first.vignette = f.vignette;
+    first.primary = first.pairs = nullptr;
+    first.geoms = f.geoms, first.lights = f.lights;
+    first.bounds = f.bounds, first.bvh = f.bvh, first.reach = f.reach;
+  }
+  // what paths need besides
+  PathFrame p = inputs.paths;
+  EnvironmentDistribution& sky = p.environment;
+  size_t side = static_cast<size_t>(sky.side), rows = 6 * side, cells = rows * side;
+  sky.rows = constant.put(sky.rows, rows);
+  sky.cells = constant.put(sky.cells, cells);
+  sky.pdf = constant.put(sky.pdf, cells);
+  sky.row_guide = constant.put(sky.row_guide, rows);
+  sky.cell_guide = constant.put(sky.cell_guide, cells);
+  std::vector<Emitter> emitters(p.emitters, p.emitters + p.emitter_count);
+  for (Emitter& e : emitters) {
+    e.cumulative = constant.put(e.cumulative, static_cast<size_t>(e.triangles));
+  }
+  p.emitters = constant.put(emitters.data(), emitters.size());
+  p.emitter_of_geom = constant.put(p.emitter_of_geom, geoms);
+  p.transparent_geoms = constant.put(p.transparent_geoms, static_cast<size_t>(p.transparent_count));
+  p.world = tick.put(p.world, 9);
+  return {f, first, p};
 }
 
-void render_device_frame(const Kernel& kernel, const Frame& frame, const Frame& first_pass,
-                         float* luminance) {
+void render_device_frame(const Kernel& kernel, const DeviceArguments& arguments, float* luminance) {
+  const Frame &frame = arguments.frame, &first_pass = arguments.first_pass;
   constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT;
-  bool adaptive = first_pass.samples > 0;
+  bool adaptive = first_pass.samples > 0, path = arguments.paths.lobe_samples > 0;
   std::vector<float> untextured(adaptive ? static_cast<size_t>(frame.width) * frame.height : 0);
   auto at = [&](int x, int y) { return static_cast<long>(y) * frame.width + x; };
   auto for_image = [&](auto pixel) {
@@ -151,9 +169,15 @@ void render_device_frame(const Kernel& kernel, const Frame& frame, const Frame& 
       for (int x = 0; x < frame.width; x++) pixel(x, y);
     }
   };
+  auto batch = path ? std::make_unique<PathBatch>() : nullptr;
   for_image([&](int x, int y) {
-    float* plain = adaptive ? &untextured[static_cast<size_t>(at(x, y))] : nullptr;
-    kernel.trace_pixels(adaptive ? first_pass : frame, &x, &y, 1, luminance + at(x, y), plain);
+    float *out = luminance + at(x, y),
+          *plain = adaptive ? &untextured[static_cast<size_t>(at(x, y))] : nullptr;
+    if (path) {
+      kernel.trace_path_pixels(frame, arguments.paths, *batch, &x, &y, 1, out);
+    } else {
+      kernel.trace_pixels(adaptive ? first_pass : frame, &x, &y, 1, out, plain);
+    }
   });
   if (!adaptive) return;
   for_image([&](int x, int y) {

@@ -1,5 +1,5 @@
-// The frames of `direct` for a device with memory of its own: everything that they point to, in two
-// blocks of memory, one that stays and one that each tick replaces.
+// The frames of `direct` or `path` for a device with memory of its own: everything that they point
+// to, in two blocks of memory, one that stays and one that each tick replaces.
 #pragma once
 
 #include <cstdint>
@@ -8,9 +8,17 @@
 
 namespace evs {
 
+// The arguments of a device's kernels.
+struct DeviceArguments {
+  Frame frame;
+  Frame first_pass;  // of adaptive antialiasing; else without samples
+  PathFrame paths;   // of `path`
+};
+
 class DeviceFrame {
  public:
-  // Of a caster of `direct`, which must outlive this and whose meshes must not be deformed.
+  // Of a caster of `direct` or `path`, which must outlive this. Its meshes must not be deformed,
+  // nor, with `path`, its geoms resized.
   explicit DeviceFrame(Caster& caster);
 
   uint64_t constant_bytes() const { return constant_bytes_; }
@@ -19,21 +27,20 @@ class DeviceFrame {
   // Copy what stays. In: its address on the device. Out: constant_bytes().
   void copy_constant(uint64_t address, char* out) const;
   // Place everything for a tick and copy what it changes. In: the addresses of both blocks. Out:
-  // tick_bytes(); `frame`, and with adaptive antialiasing the frame of its first pass.
-  void copy_tick(const Poses& poses, uint64_t constant, uint64_t tick, char* out, Frame& frame,
-                 Frame& first_pass) const;
+  // tick_bytes().
+  void copy_tick(const Poses& poses, uint64_t constant, uint64_t tick, char* out,
+                 DeviceArguments& arguments) const;
 
  private:
   class Block;
-  void lay_out(Block& constant, Block& tick, Frame& frame, Frame& first_pass) const;
+  DeviceArguments lay_out(Block& constant, Block& tick) const;
 
   Caster& caster_;
   uint64_t constant_bytes_, tick_bytes_;
 };
 
-// Render a tick from its frames, where all that they point to lies in this memory: what a device
-// does. In: `first_pass`, without samples if there is none. Out: luminance (h, w).
-void render_device_frame(const Kernel& kernel, const Frame& frame, const Frame& first_pass,
-                         float* luminance);
+// Render a tick from its arguments, where all that they point to lies in this memory: what a device
+// does. Out: luminance (h, w).
+void render_device_frame(const Kernel& kernel, const DeviceArguments& arguments, float* luminance);
 
 }  // namespace evs

@@ -1,1 +1,1 @@
-"""The `direct` renderer on a GPU, with the bytes of the CPU: the extra `cuda`."""
+"""The renderers `direct` and `path` on a GPU, with the bytes of the CPU: the extra `cuda`."""

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from evs.emulator import _core
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.config import RenderConfig
 from evs.emulator.render.direct import DirectRenderer, LentRenderer
 from evs.emulator.render.gpu.compiler import cached_kernel
 from evs.emulator.render.gpu.driver import the_gpu
-
-THREADS = 128
-"""of a block: 8 x 16 pixels"""
+from evs.emulator.render.gpu.scene import UploadedScene
 
 
 class CudaDirectRenderer(DirectRenderer):
@@ -48,56 +43,28 @@ class CudaDirectRenderer(DirectRenderer):
         """
         gpu = the_gpu()
         super().__init__(scene, camera, config, threads, rgb, switches, like)
-        gpu.use()
-        self._gpu = gpu
-        self._luminance = gpu.pinned(self.shape, np.float32)
-        self._layout = layout = _core.DeviceFrame(self._caster)
-        self._constant = gpu.allocate(layout.constant_bytes)
-        constant = np.empty(layout.constant_bytes, np.uint8)
-        layout.copy_constant(self._constant.address, constant)
-        gpu.upload(self._constant, constant)
-        gpu.wait()
-        self._tick = gpu.allocate(layout.tick_bytes)
-        self._staged = gpu.pinned((layout.tick_bytes,), np.uint8)
-        self._frame = np.zeros(layout.frame_bytes, np.uint8)
-        self._first_pass = np.zeros(layout.frame_bytes, np.uint8)
-        self._light = gpu.allocate(self._luminance.nbytes)
-        self._untextured = gpu.allocate(self._luminance.nbytes if layout.adaptive else 0)
+        self._there = UploadedScene(gpu, self._caster, self.shape)
+        adaptive, channels = self._there.adaptive, self._caster.channels
+        self._untextured = self._there.room(self._luminance.nbytes if adaptive else 0)
         code = cached_kernel(
-            "direct",
-            gpu.architecture,
-            {"EVS_CHANNELS": self._caster.channels, "EVS_ADAPTIVE": int(layout.adaptive)},
+            "direct", gpu.architecture, {"EVS_CHANNELS": channels, "EVS_ADAPTIVE": int(adaptive)}
         )
-        names = ("first_pass", "second_pass") if layout.adaptive else ("direct",)
+        names = ("first_pass", "second_pass") if adaptive else ("direct",)
         self._kernels = [gpu.kernel(code, name) for name in names]
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
         """As of DirectRenderer."""
-        gpu, layout = self._gpu, self._layout
-        gpu.use()
-        layout.copy_tick(
-            *self._place(snapshot, pose),
-            constant=self._constant.address,
-            tick=self._tick.address,
-            out=self._staged,
-            frame=self._frame,
-            first_pass=self._first_pass,
-        )
-        gpu.upload(self._tick, self._staged)
-        height, width = self.shape
-        blocks = (width + 7) // 8, (height + 15) // 16
-        light, untextured = self._light.argument, self._untextured.argument
-        if layout.adaptive:
+        there = self._there
+        there.upload(self._place(snapshot, pose))
+        light = there.light.argument
+        if there.adaptive:
             first, second = self._kernels
-            gpu.launch(first, blocks, THREADS, self._first_pass, light, untextured)
-            gpu.launch(second, blocks, THREADS, self._frame, untextured, light)
+            untextured = self._untextured.argument
+            there.launch(first, there.first_pass, light, untextured)
+            there.launch(second, there.frame, untextured, light)
         else:
-            gpu.launch(self._kernels[0], blocks, THREADS, self._frame, light)
-        gpu.download(self._luminance, self._light)
-        if into is None:
-            return self._luminance
-        np.copyto(into, self._luminance)
-        return into
+            there.launch(self._kernels[0], there.frame, light)
+        return there.download(into)
 
     def lend(self) -> LentRenderer | str:
         """As of DirectRenderer."""

@@ -141,15 +141,15 @@ class Gpu:
 
         Args:
             kernel: Of `kernel`.
-            blocks: How many along x and y.
+            blocks: How many along x, y and z.
             threads: Of a block.
             arguments: An array with the bytes of each parameter.
         """
         pointers = np.array([argument.ctypes.data for argument in arguments], np.uint64)
-        x, y = blocks
+        x, y, z = blocks
         self.checked(
             self._driver.cuLaunchKernel(
-                kernel, x, y, 1, threads, 1, 1, 0, self._stream, pointers.ctypes.data, 0
+                kernel, x, y, z, threads, 1, 1, 0, self._stream, pointers.ctypes.data, 0
             )
         )
 

@@ -15,7 +15,8 @@ import evs
 from evs.emulator.base.protocols import Renderer
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import make_renderer
-from evs.emulator.render.gpu import direct, driver
+from evs.emulator.render.cycle import CycleRenderer
+from evs.emulator.render.gpu import direct, driver, path
 from evs.msgs import EvsError
 from reference.random_scenes import RandomStage
 
@@ -28,8 +29,9 @@ def device(monkeypatch: pytest.MonkeyPatch) -> StandInGpu | None:
     if not driver.why_no_gpu():
         return None
     gpu = StandInGpu()
-    monkeypatch.setattr(direct, "the_gpu", lambda: gpu)
-    monkeypatch.setattr(direct, "cached_kernel", lambda *told: b"")
+    for module in (direct, path):
+        monkeypatch.setattr(module, "the_gpu", lambda: gpu)
+        monkeypatch.setattr(module, "cached_kernel", lambda *told: b"")
     monkeypatch.setattr("evs.emulator.render.selection.why_no_gpu", lambda: "")
     return gpu
 
@@ -39,7 +41,7 @@ def on_device(device: StandInGpu | None, stage: RandomStage, **render: Any) -> R
     if device:
         device.shape = stage.camera.height, stage.camera.width
     made = stage.renderer(device="cuda", **render)
-    assert isinstance(made, direct.CudaDirectRenderer)
+    assert isinstance(made, direct.CudaDirectRenderer | path.CudaPathRenderer | CycleRenderer)
     return made
 
 
@@ -59,6 +61,23 @@ def test_light_is_that_of_the_cpu(device: StandInGpu | None, seed: int, antialia
         into = np.empty_like(expected)
         assert there.render(frame, pose, into) is into
         assert into.tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize("seeds", ["fixed", "fresh", "cycle"])
+@pytest.mark.parametrize("seed", range(3))
+def test_paths_are_those_of_the_cpu(
+    device: StandInGpu | None, seed: int, seeds: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bulbs, glowing geoms, sky, gloss, glass, fog and haze; more samples than there is room for
+    at once, and than are added up in one sum."""
+    stage = RandomStage(seed, rich=seed % 2 == 0, bulbs=True, size=(17, 10))
+    render = {"renderer": "path", "spp": (70, 5)[seed % 2], "seeds": seeds, "bounces": 1 + seed}
+    monkeypatch.setattr(path, "MOST_BYTES", 3 * 17 * 10 * 4 * 30)
+    cpu = stage.renderer(**render)
+    there = on_device(device, stage, **render)
+    for tick, (frame, pose) in enumerate(stage.film(3)):
+        expected = cpu.render(frame, pose).copy()
+        assert there.render(frame, pose).tobytes() == expected.tobytes(), tick
 
 
 def test_what_stays_is_uploaded_once(device: StandInGpu | None) -> None:
@@ -116,7 +135,8 @@ def test_worlds_on_a_gpu_are_stepped_one_by_one(device: StandInGpu | None) -> No
 @pytest.mark.parametrize(
     ("render", "says"),
     [
-        ({"renderer": "path"}, "render.renderer is path, and a GPU renders direct only"),
+        ({"renderer": "hybrid"}, "render.renderer is hybrid, and a GPU renders direct and path"),
+        ({"renderer": "path", "antialiasing": "adaptive", "spp": 4}, "paths at edges only"),
         ({"device": "gpu"}, "render.device"),
     ],
 )

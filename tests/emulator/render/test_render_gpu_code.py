@@ -48,6 +48,12 @@ def test_those_of_direct_are_too(architecture: int, channels: int, adaptive: int
     assert faults(ptx) == []
 
 
+def test_those_of_path_are_too() -> None:
+    ptx = compiled("path", "compute_80").decode()
+    assert ".entry add_samples" in ptx
+    assert faults(ptx) == []
+
+
 def test_other_instructions_are_found() -> None:
     options = [o for o in SAME_BYTES if not o.startswith(("--fmad", "--ftz", "--prec"))]
     careless = ("--fmad=true", "--prec-div=false", "--prec-sqrt=false", "--ftz=false")

@@ -32,7 +32,7 @@ class StandInGpu:
 
     def __init__(self) -> None:
         self.uploaded = 0
-        self._first_pass = np.zeros(0, np.uint8)
+        self._arguments = np.zeros(0, np.uint8)
 
     def use(self) -> None:
         pass
@@ -61,19 +61,18 @@ class StandInGpu:
     def launch(
         self, kernel: str, blocks: Sequence[int], threads: int, *arguments: npt.NDArray[Any]
     ) -> None:
-        """The work of `direct`, or of both passes in the second."""
-        frame = arguments[0]
-        if kernel == "first_pass":
-            self._first_pass = frame.copy()
-            return
-        first = self._first_pass if kernel == "second_pass" else np.zeros_like(frame)
-        # width and height, rounded up to blocks, hold the image
-        light = (ctypes.c_float * self.pixels).from_address(int(arguments[-1][0]))
-        luminance = np.frombuffer(light, np.float32).reshape(self.shape)
-        _core.trace_device_frame(frame, first, luminance)
+        """All the work of a tick in its last kernel."""
+        if kernel in ("direct", "first_pass", "trace_samples"):
+            # the parameter is a part of all arguments, from its own on
+            base = arguments[0].base
+            assert isinstance(base, np.ndarray)
+            self._arguments = base.copy()
+        if kernel in ("direct", "second_pass", "add_samples"):
+            light = (ctypes.c_float * (self.shape[0] * self.shape[1])).from_address(
+                int(arguments[-1][0])
+            )
+            luminance = np.frombuffer(light, np.float32).reshape(self.shape)
+            _core.trace_device_frame(self._arguments, luminance)
 
     shape = (0, 0)
-
-    @property
-    def pixels(self) -> int:
-        return self.shape[0] * self.shape[1]
+    """height and width of the image, which a test says"""
