@@ -71,6 +71,8 @@ class Key:
     """whether its values are whole numbers"""
     within: tuple[float, float]
     """lowest and highest value that it is declared to have"""
+    words: Mapping[str, int] | None = None
+    """names of its values, where it has no others"""
 
 
 def draw_values(parts: Sequence[Range], seed: int, episode: int) -> dict[str, Number]:
@@ -180,10 +182,16 @@ class Range:
         kind, inside, operator, of = found[1], found[2], found[3] or "", found[4] or ""
         if kind not in _CHECKS:
             raise EvsError(f"at {where}: {unknown('distribution', kind, _CHECKS)}")
+        if key.words is not None and (kind != "choice" or of):
+            raise EvsError(f"at {where}: '{text}': its values are names; give choice(a, b, ...)")
         try:
-            numbers = tuple(float(word) for word in inside.split(","))
+            numbers = tuple(_number(key, word.strip()) for word in inside.split(","))
         except ValueError:
             numbers = (math.nan,)
+        except KeyError as word:
+            raise EvsError(
+                f"at {where}: {unknown('value', word.args[0], key.words or ())}"
+            ) from None
         if not all(map(math.isfinite, numbers)):
             raise EvsError(f"at {where}: '{inside}' are no numbers; {_SHOW}")
         made = cls(key, text, where, kind, numbers, operator, of)
@@ -342,6 +350,11 @@ class Range:
         lowest, highest = self.key.within
         value = min(max(value, lowest), highest)
         return int(value) if self.key.whole else float(value)
+
+
+def _number(key: Key, word: str) -> float:
+    """The number that a word of a range stands for. ValueError, KeyError: none."""
+    return float(word) if key.words is None else float(key.words[word])
 
 
 def _at_place(value: float, scale: float) -> float:

@@ -86,7 +86,10 @@ class SceneRanges:
                 keys[key.name], written[key.name] = key, text
         refer = {name for text in self.ranges.values() if (name := refers_to(text))}
         every = every_key(model) if refer else keys
-        known = {name: Key(name, False, key.attribute.within) for name, key in every.items()}
+        known = {
+            name: Key(name, bool(words := key.words(model)), key.attribute.within, words)
+            for name, key in every.items()
+        }
         parsed = {}
         for name, text in written.items():
             where = f"randomise.scene.{text}" + (f" ({name})" if name != text else "")

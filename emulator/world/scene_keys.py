@@ -20,8 +20,14 @@ import numpy.typing as npt
 from evs.emulator.base.scene import F64
 from evs.emulator.world.compat import is_orthographic
 from evs.emulator.world.controls import home_keyframe
-from evs.emulator.world.materials import BRIGHTEST, UNSET, geom_rgba, is_shown
-from evs.emulator.world.model import COUNTS
+from evs.emulator.world.materials import (
+    BRIGHTEST,
+    COLOUR_ROLES,
+    UNSET,
+    geom_rgba,
+    is_shown,
+)
+from evs.emulator.world.model import COUNTS, names_of
 from evs.msgs import EvsError, unknown
 
 Array = npt.NDArray[Any]
@@ -122,6 +128,8 @@ class Attribute:
     """(model, id) -> why an object has no such attribute; empty: it has"""
     derives: bool = False
     """whether constants of the model follow from it (mj_setConst)"""
+    words: Callable[[mujoco.MjModel, int], dict[str, int]] | None = None
+    """(model, id) -> names of its values and the values, where it has no others"""
     field: str = ""
     """the array of the model that has to be there; MuJoCo 3.3 lacks some"""
 
@@ -141,6 +149,11 @@ class SceneKey:
     def read(self, model: mujoco.MjModel) -> float:
         """The value that a model has now."""
         return float(self.attribute.read(model, self.index)[self.part])
+
+    def words(self, model: mujoco.MjModel) -> dict[str, int] | None:
+        """Names of its values and the values, where it has no others."""
+        words = self.attribute.words
+        return None if words is None else words(model, self.index)
 
 
 def find_keys(model: mujoco.MjModel, written: str) -> list[SceneKey]:
@@ -433,6 +446,32 @@ def _hidden_material(model: mujoco.MjModel, index: int) -> str:
     return "" if model.mat_rgba[index][3] > 0 else "is transparent"
 
 
+def _texture_of(model: mujoco.MjModel, index: int) -> tuple[int, int]:
+    """The role and the id of the image that gives a material its colour; -1: it has none."""
+    images = [(int(role), int(model.mat_texid[index, role])) for role in COLOUR_ROLES]
+    return next((one for one in images if one[1] >= 0), (0, -1))
+
+
+def _put_texture(edits: Edits, index: int, values: F64) -> None:
+    role, _ = _texture_of(edits.model, index)
+    edits.row("mat_texid", index)[0, role] = int(values[0])
+
+
+def _textures_like(model: mujoco.MjModel, index: int) -> dict[str, int]:
+    """The textures of the type that a material has: name -> id."""
+    _, own = _texture_of(model, index)
+    names = names_of(model, Objects.mjOBJ_TEXTURE)
+    return {
+        name: texture
+        for texture, name in enumerate(names)
+        if model.tex_type[texture] == model.tex_type[own]
+    }
+
+
+def _untextured(model: mujoco.MjModel, index: int) -> str:
+    return "" if _texture_of(model, index)[1] >= 0 else "has no image for its colour"
+
+
 def _massless(model: mujoco.MjModel, index: int) -> str:
     return "" if model.body_mass[index] > 0 else "has no mass"
 
@@ -501,6 +540,13 @@ ATTRIBUTES: tuple[Attribute, ...] = (
             (0, 3), values[0]
         ),
         lacks=_hidden_material,
+    ),
+    Attribute(
+        *("material", "texture", "", SOME),
+        read=lambda model, index: (_texture_of(model, index)[1],),
+        put=_put_texture,
+        lacks=_untextured,
+        words=_textures_like,
     ),
     _columns("material", "emission", "mat_emission", _LIT),
     *(

@@ -94,6 +94,10 @@ class SceneValues:
             low, high = key.attribute.within
             if not low <= number <= high:
                 raise EvsError(f"scene.{name} is {number:g}; give {low:g} ... {high:g}")
+            words = key.words(self._model)
+            if words is not None and number not in words.values():
+                known = ", ".join(f"{one} ({word})" for word, one in words.items())
+                raise EvsError(f"scene.{name} is {number:g}; give one of {known}")
             found[name] = number
         return dict(sorted(found.items()))
 

@@ -140,6 +140,8 @@ def test_every_value_of_every_scene_goes_in_and_out_without_a_trace() -> None:
         for name, key in every_key(model).items():
             low, high = key.attribute.within
             values[name] = float(np.clip(key.read(model) + 0.1 * random.random(), low, high))
+            if words := key.words(model):
+                values[name] = max(words.values())
         scene = SceneValues(model)
         scene.put(values)
         changed = bytes_of(model)
