@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator.world import SceneValues, every_key, find_keys, load_model
+from evs.emulator.world import MUJOCO_VERSION, SceneValues, every_key, find_keys, load_model
 from evs.emulator.world.model import bytes_of
 from evs.msgs import EvsError
 
@@ -176,6 +176,19 @@ def test_what_an_author_gave_as_statistics_stays() -> None:
     SceneValues(model).put({"body.pole.mass": 5.0, "body.cart.pos.z": 4.0})
     assert (model.stat.extent, model.stat.meansize) == (2.0, 0.7)
     assert model.stat.center.tolist() == [1.0, 2.0, 3.0]
+
+
+def test_the_mean_inertia_follows_from_masses_unless_its_author_gave_it() -> None:
+    model, heavier = robot(), robot(**COMPILED["mass"][1])
+    # MuJoCo 4 does not use it, and leaves it alone
+    follows = int(MUJOCO_VERSION.split(".")[0]) < 4
+    expected = (heavier if follows else model).stat.meaninertia
+    SceneValues(model).put(COMPILED["mass"][0])
+    assert model.stat.meaninertia == expected
+    model = robot()
+    model.stat.meaninertia = 7.0
+    SceneValues(model).put(COMPILED["mass"][0])
+    assert model.stat.meaninertia == 7.0
 
 
 def test_rotation_vectors_turn_about_their_own_axes() -> None:
