@@ -22,6 +22,7 @@ tests/emulator/world/test_world_compat.py
 tests/emulator/world/test_world_cameras.py
 tests/emulator/world/test_world_extraction.py::test_every_shipped_robot_is_seen_as_mujoco_shows_it
 tests/emulator/world/test_world_poses.py
+tests/emulator/world/test_scene_values.py
 tests/emulator/simulation/test_api_sensor.py
 tests/emulator/simulation/test_closed_saved.py
 tests/launch/test_doctor_command.py::test_this_machine_is_fit

@@ -23,28 +23,27 @@ class CameraBatch:
             threads: The number of cameras at once; 0 for one per core.
         """
 
-    def add(self, caster: object, pixels: object, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], world: int) -> int:
+    def add(self, world: int) -> int:
         """
         Add a camera.
 
         Args:
-            caster: What renders it.
-            pixels: Its pixels.
-            luminance: (h, w) float32, the array that is passed to `Caster.render`.
             world: The row of its world in the arrays of `step`.
 
         Returns:
             Its number.
         """
 
-    def put(self, camera: int, pixels: object, state: dict, *, seed: int, clock_us: int, tick_us: int, ticks: int, all_due: bool) -> None:
+    def put(self, camera: int, caster: object, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], pixels: object, state: dict, *, seed: int, clock_us: int, tick_us: int, ticks: int, all_due: bool) -> None:
         """
-        Set a camera's pixels and their state, whose arrays are modified in place from
-        now on.
+        Set what renders a camera, its pixels and their state, whose arrays are modified
+        in place from now on.
 
         Args:
             camera: Its number.
-            pixels: The pixels, of the same size.
+            caster: What renders it.
+            luminance: (h, w) float32, the array that is passed to `Caster.render`.
+            pixels: The pixels.
             state: The arrays of the state, by the names that `PixelArray.step` takes.
             seed: The seed of its light's noise.
             clock_us, ticks, all_due: As of `PixelArray.step`.

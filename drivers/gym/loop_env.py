@@ -15,12 +15,13 @@ from evs.drivers.gym.library import gymnasium
 from evs.drivers.gym.task import Reward, Task, sized
 from evs.drivers.pictures import upscale
 from evs.drivers.run.paths import in_package
-from evs.drivers.run.sensor_ranges import read_ranges
+from evs.drivers.run.sensor_ranges import read_ranges, split_ranges
 from evs.emulator import Loop, Observation, View
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.config.schema import DelayConfig
 from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
 from evs.emulator.simulation.initial_states import Start, begin
+from evs.emulator.simulation.scene_ranges import DrawnScene, SceneRanges
 from evs.emulator.world import NamedSensors, Scene
 from evs.msgs import Events, EvsError, empty_events, join_events
 from evs.msgs.pictures import U8, event_frame, exposure_for, to_srgb8
@@ -71,7 +72,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         threads: int = 1,
         render_mode: str | None = None,
         render_camera: str | CameraConfig = "",
-        randomise: Mapping[str, str] | str | Path | None = None,
+        randomise: Mapping[str, Any] | str | Path | None = None,
     ) -> None:
         """Load the scene and set up its cameras.
 
@@ -101,9 +102,10 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             render_mode: None, rgb_array, or human: a page in the browser shows every step, in real
                 time (extra web)
             render_camera: the camera of `render`; "" is the model's first, or a free one
-            randomise: key of [sensor] -> its range, as of evs.SensorRanges, or a TOML file with a
-                table [randomise]: another sensor in every episode, the same for all cameras; what
-                was drawn is info["sensor"]
+            randomise: key of [sensor] -> its range, as of evs.SensorRanges, and under "scene" those
+                of the scene, as of evs.SceneRanges; or a TOML file with a table [randomise]:
+                another sensor in every episode, the same for all cameras, and another scene; what
+                was drawn is info["sensor"] and info["scene"]
 
         Raises:
             EvsError: an argument is not possible; the message is one line
@@ -119,7 +121,8 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         sensor = sized(sensor, size)
         if isinstance(randomise, str | Path):
             randomise = read_ranges(in_package(str(randomise)))
-        self.ranges = SensorRanges(randomise, sensor) if randomise else None
+        sensor_ranges, scene_ranges = split_ranges(randomise)
+        self.ranges = SensorRanges(sensor_ranges, sensor) if sensor_ranges else None
         """what the sensor of each episode is drawn from; None: it stays the same"""
         if isinstance(scene, str | Path):
             scene = in_package(str(scene))
@@ -135,6 +138,8 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             delays=delays,
         )
         world = self.loop.world
+        self.scene_ranges = SceneRanges(scene_ranges, world.model) if scene_ranges else None
+        """what the scene of each episode is drawn from; None: it stays the same"""
         self._keyframe = keyframe
         self._views = {
             camera.name: make_event_observation(
@@ -172,6 +177,8 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         """the latest observation of the loop: packets with their exact times"""
         self.drawn: DrawnSensor | None = None
         """the sensor of this episode; None: it is not randomised, or there was no reset"""
+        self.drawn_scene: DrawnScene | None = None
+        """the values of its scene; None: as above"""
         self._events: dict[str, Events] = {}
 
     def __deepcopy__(self, memo: dict[int, Any]) -> LoopEnv:
@@ -190,6 +197,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         )
         twin._views = deepcopy(self._views, memo)
         twin.seen, twin.drawn, twin._events = self.seen, self.drawn, dict(self._events)
+        twin.drawn_scene = self.drawn_scene
         return twin
 
     def reset(
@@ -198,12 +206,13 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         """Start an episode.
 
         Args:
-            seed: Determines the start, the sensor and all noise; None: continue the random numbers.
+            seed: Determines the start, the sensor, the scene and all noise; None: continue the
+                random numbers.
             options: {"keyframe": name} starts from another keyframe.
 
         Returns:
             The observation, and info with t_us, events (their number) and done; with randomise
-            also sensor: key -> value of this episode.
+            also sensor and scene: key -> value of this episode.
 
         Raises:
             EvsError: An option is unknown, or a limit is left at the start.
@@ -216,6 +225,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         noise = int(self.np_random.integers(2**31))
         # the same seed as the noise: the start and all later episodes do not depend on the ranges
         self.drawn = self.ranges.draw(noise) if self.ranges else None
+        self.drawn_scene = self.scene_ranges.draw(noise) if self.scene_ranges else None
         self._began_us = 0
         for view in self._views.values():
             view.reset()
@@ -224,6 +234,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             keyframe,
             start=lambda data: begin(self._task.start, self.np_random, data),
             sensor=self.drawn.config if self.drawn else None,
+            scene=self.drawn_scene.values if self.drawn_scene else None,
         )
         if self.seen.done:
             raise EvsError(
@@ -296,6 +307,8 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         info: dict[str, Any] = {"t_us": seen.t_us, "events": count, "done": seen.done}
         if self.drawn:
             info["sensor"] = dict(self.drawn.values)
+        if self.drawn_scene:
+            info["scene"] = dict(self.drawn_scene.values)
         return self._task.observation(arrays, seen.position, seen.velocity), info
 
     def render(self) -> U8 | None:

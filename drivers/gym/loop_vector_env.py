@@ -15,12 +15,13 @@ from evs.drivers.gym.library import seeding, vector
 from evs.drivers.gym.loop_env import METADATA
 from evs.drivers.gym.task import Reward, Task, sized
 from evs.drivers.run.paths import in_package
-from evs.drivers.run.sensor_ranges import read_ranges
+from evs.drivers.run.sensor_ranges import read_ranges, split_ranges
 from evs.emulator import Worlds
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.config.plain_values import plain_integer
 from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
 from evs.emulator.simulation.initial_states import Start, begin
+from evs.emulator.simulation.scene_ranges import DrawnScene, SceneRanges
 from evs.emulator.simulation.stacked_arrays import StackedArrays
 from evs.emulator.world import MjData, Scene, load_model
 from evs.msgs import EvsError
@@ -66,7 +67,7 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
         threads: int = 0,
         render_mode: str | None = None,
         render_camera: str | CameraConfig = "",
-        randomise: Mapping[str, str] | str | Path | None = None,
+        randomise: Mapping[str, Any] | str | Path | None = None,
         autoreset_mode: str | vector.AutoresetMode = AutoresetMode.NEXT_STEP,
         copy: bool = True,
     ) -> None:
@@ -117,10 +118,12 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
         sensor = sized(sensor, size)
         if isinstance(randomise, str | Path):
             randomise = read_ranges(in_package(str(randomise)))
-        self.ranges = SensorRanges(randomise, sensor) if randomise else None
+        sensor_ranges, scene_ranges = split_ranges(randomise)
+        self.ranges = SensorRanges(sensor_ranges, sensor) if sensor_ranges else None
         if isinstance(scene, str | Path):
             scene = in_package(str(scene))
         model_ = load_model(scene)
+        self.scene_ranges = SceneRanges(scene_ranges, model_) if scene_ranges else None
         several = (cameras,) if isinstance(cameras, str | CameraConfig) else tuple(cameras)
         # the camera's names and sizes are the worlds' own; the task wants them before
         probe = Worlds(model_, 1, tick_us=tick_us, threads=1)
@@ -181,6 +184,8 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
         self._random: list[np.random.Generator | None] = [None] * num_envs
         self.drawn: list[DrawnSensor | None] = [None] * num_envs
         """the sensor of each environment's episode; None: it is not randomised"""
+        self.drawn_scenes: list[DrawnScene | None] = [None] * num_envs
+        """the values of its scene; None: it is not randomised"""
         self._began_us = np.zeros(num_envs, np.int64)
         self._over = np.ones(num_envs, np.bool_)
         """whose episode is over, or has not begun"""
@@ -226,25 +231,33 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
         return self._observation(), self._info(chosen, none, self.worlds.t_us)
 
     def _reset(self, chosen: list[int], seeds: list[int | None], keyframe: str) -> None:
+        noises = []
         for number in chosen:
             random = self._random[number]
             if random is None or seeds[number] is not None:
                 random, _ = seeding.np_random(seeds[number])
                 self._random[number] = random
             noise = int(random.integers(2**31))
-            drawn = self.ranges.draw(noise) if self.ranges else None
-            self.drawn[number] = drawn
+            noises.append(noise)
+            self.drawn[number] = self.ranges.draw(noise) if self.ranges else None
+            self.drawn_scenes[number] = self.scene_ranges.draw(noise) if self.scene_ranges else None
 
-            def put(_: int, data: MjData, random: np.random.Generator = random) -> None:
-                begin(self._task.start, random, data)
+        def put(number: int, data: MjData) -> None:
+            random = self._random[number]
+            assert random is not None
+            begin(self._task.start, random, data)
 
-            self.worlds.reset(
-                [noise],
-                [number],
-                keyframe=keyframe,
-                sensor=drawn.config if drawn else None,
-                start=put,
-            )
+        sensors = [one.config for number in chosen if (one := self.drawn[number])]
+        scenes = [drawn.values for number in chosen if (drawn := self.drawn_scenes[number])]
+        self.worlds.reset(
+            noises,
+            chosen,
+            keyframe=keyframe,
+            sensor=sensors or None,
+            scene=scenes or None,
+            start=put,
+        )
+        for number in chosen:
             if number in self.worlds.ended:
                 raise EvsError(
                     f"the episode is over where it begins ({self.worlds.ended[number]}): narrow "
@@ -365,11 +378,11 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
         info: dict[str, Any] = {}
         for name, array in values.items():
             info[name], info[f"_{name}"] = array, which.copy()
-        if self.ranges:
-            for i in np.flatnonzero(which).tolist():
-                drawn = self.drawn[i]
-                assert drawn is not None
-                info = self._add_info(info, {"sensor": dict(drawn.values)}, i)
+        for i in np.flatnonzero(which).tolist():
+            if (sensor := self.drawn[i]) is not None:
+                info = self._add_info(info, {"sensor": dict(sensor.values)}, i)
+            if (scene := self.drawn_scenes[i]) is not None:
+                info = self._add_info(info, {"scene": dict(scene.values)}, i)
         return info
 
 

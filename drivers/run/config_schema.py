@@ -32,7 +32,8 @@ def pipeline_schema() -> Schema:
         sink[alias] = sink[key]
     keys["randomise"] = {
         "type": "object",
-        "description": "ranges for keys of [sensor], as in cutoff_hz = 'uniform(100, 300)'",
+        "description": "ranges for keys of [sensor], as in cutoff_hz = 'uniform(100, 300)', and of "
+        "the scene, in a table [randomise.scene]",
         "additionalProperties": {"type": ["string", "object"]},
     }
     return {"$schema": DIALECT, "title": "A pipeline of evs", **schema}

@@ -1,13 +1,17 @@
-"""Ranges of a sensor's parameters in a file, its table [randomise], and on a command line."""
+"""Ranges of a sensor and a scene in a file, its table [randomise], and on a command line."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from evs.drivers import settings
 from evs.msgs import EvsError
+
+SCENE = "scene"
+"""the table inside [randomise] whose ranges are the scene's"""
 
 
 @dataclass(frozen=True)
@@ -15,7 +19,29 @@ class RandomiseFile:
     """A file of ranges."""
 
     randomise: Mapping[str, str] = field(default_factory=dict)
-    """key of [sensor] -> its range"""
+    """key of [sensor], or of the scene behind `scene.` -> its range"""
+
+
+def split_ranges(randomise: Any) -> tuple[Any, Any]:
+    """Ranges of a sensor and those of a scene.
+
+    Args:
+        randomise: Key of [sensor] -> its range, and those of the scene under `scene`: a table, or
+            keys that begin with `scene.`, as a file and a command line give them.
+
+    Returns:
+        Key -> range of each, as evs.SensorRanges and evs.SceneRanges take and check them.
+    """
+    if not isinstance(randomise, Mapping):
+        return randomise, {}
+    sensor = dict(randomise)
+    table = sensor.pop(SCENE, {})
+    begin = f"{SCENE}."
+    dotted = {str(key): text for key, text in sensor.items() if str(key).startswith(begin)}
+    scene = {key.removeprefix(begin): text for key, text in dotted.items()}
+    if isinstance(table, Mapping):
+        table = {**scene, **table}
+    return {key: text for key, text in sensor.items() if key not in dotted}, table
 
 
 def read_ranges(file: str | Path) -> dict[str, str]:
@@ -25,7 +51,7 @@ def read_ranges(file: str | Path) -> dict[str, str]:
         file: Which has this table and nothing else.
 
     Returns:
-        Key of [sensor], dotted inside its tables -> its range, as of evs.SensorRanges.
+        Key, dotted inside its tables -> its range, as split_ranges takes them.
 
     Raises:
         EvsError: The file cannot be read, or holds something else; the ranges are not checked.
@@ -58,7 +84,7 @@ def range_overrides(words: Iterable[str]) -> list[tuple[str, str]]:
 
 
 def ranges_of(words: Iterable[str]) -> dict[str, str]:
-    """The ranges that --randomise gives: key of [sensor] -> range; not checked.
+    """The ranges that --randomise gives: key -> range; not checked.
 
     Raises:
         EvsError: As range_overrides.

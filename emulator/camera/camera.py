@@ -421,6 +421,10 @@ class Camera:
 
         return put
 
+    def part(self, world: MjModel) -> None:
+        """Go on with a copy of the model, which is the same."""
+        self._world = world
+
     def _class_names(self) -> list[str]:
         """Divide the world into classes, if events are labelled with them."""
         model = self._plan.model

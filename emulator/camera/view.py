@@ -64,6 +64,10 @@ class View:
 
         return put
 
+    def part(self, world: MjModel) -> None:
+        """Go on with a copy of the model, which is the same."""
+        self._world = world
+
     def reset(self, seed: int | None = None) -> None:
         """Forget the instants seen: the world has begun again, perhaps with another seed."""
         if seed is not None:

@@ -162,6 +162,7 @@ class ClosedLoop:
         state: bool = False,
         start: Callable[[MjData], None] | None = None,
         sensor: str | SensorConfig | None = None,
+        scene: Mapping[str, float] | None = None,
     ) -> Observation:
         """Begin an episode.
 
@@ -171,14 +172,15 @@ class ClosedLoop:
             state: Whether observations of this episode carry the state of the physics.
             start: Puts the MjData into another state before the first observation.
             sensor: Another sensor for every camera, as of World.reset; None keeps the last.
+            scene: Values of the scene, as of World.reset; None keeps the last.
 
         Returns:
             What is known before the first tick: the encoders, and no event.
 
         Raises:
-            EvsError: No such keyframe, or a sensor that no camera can have.
+            EvsError: No such keyframe or key, or a sensor that no camera can have.
         """
-        self.world.reset(seed, keyframe, sensor)
+        self.world.reset(seed, keyframe, sensor, scene)
         # not begun, should `start` raise
         self._done = None
         if start is not None:
@@ -266,12 +268,13 @@ class ClosedLoop:
         """
         # the world may have got another camera since
         like = self._channels if self._knows_cameras else self._new_channels()
-        saved = unpack_here(blob, self._identity(), self._arrays(like))
-        done, wants_state = word(saved, "done"), bool(number(saved, "wants_state", 0, 1))
-        inner = part(saved, "world")
-        put = self.world.restoring(inner)
-        channels = like.read(part(saved, "channels"), whole(inner, "seed"))
-        put()
+        with self.world.values_of(blob):
+            saved = unpack_here(blob, self._identity(), self._arrays(like))
+            done, wants_state = word(saved, "done"), bool(number(saved, "wants_state", 0, 1))
+            inner = part(saved, "world")
+            put = self.world.restoring(inner)
+            channels = like.read(part(saved, "channels"), whole(inner, "seed"))
+            put()
         self._channels, self._done, self._wants_state = channels, done, wants_state
         self._encoders.read(self.world.data)
         return self._seen()

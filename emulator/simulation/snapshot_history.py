@@ -28,6 +28,10 @@ class SnapshotHistory:
         self._taker = taker
         self._kept: tuple[PastInstant, ...] = ()
 
+    def part(self, taker: SnapshotTaker) -> None:
+        """Take snapshots with another taker, of a copy of the model."""
+        self._taker = taker
+
     def reset(self) -> None:
         """Forget them."""
         self._kept = ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy.typing as npt
 
@@ -82,10 +82,14 @@ class VirtualCamera:
         return packet
 
     def reset(
-        self, seed: int | None = None, keyframe: str = "", sensor: str | SensorConfig | None = None
+        self,
+        seed: int | None = None,
+        keyframe: str = "",
+        sensor: str | SensorConfig | None = None,
+        scene: Mapping[str, float] | None = None,
     ) -> None:
         """Back to the beginning; see World.reset."""
-        self.world.reset(seed, keyframe, sensor)
+        self.world.reset(seed, keyframe, sensor, scene)
 
     def save(self, compress: bool = False) -> bytes:
         """Everything that the next tick follows from; see World.save."""

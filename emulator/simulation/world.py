@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ from evs.emulator.config.plain_values import plain_config, plain_integer
 from evs.emulator.simulation.snapshot_history import SnapshotHistory
 from evs.emulator.state import (
     Saved,
+    described,
     joined,
     pack,
     part,
@@ -47,6 +49,7 @@ from evs.emulator.world import (
     ModelDigest,
     Physics,
     Scene,
+    SceneValues,
     SnapshotTaker,
     Substeps,
     check_control,
@@ -124,7 +127,7 @@ class World:
         self._view_refs: list[ref[View]] = []
         self._bounds: list[BoundCamera] = []
         """of cameras and views, in the order of a snapshot's poses"""
-        self._digest = ModelDigest(model)
+        self._digest, self._values = ModelDigest(model), SceneValues(model)
         # a world that held itself would wait for the garbage collector
         self._twins: list[ref[World]] = [ref(self)]
         """those that share the model, this one too"""
@@ -144,7 +147,8 @@ class World:
     def twin(self) -> World:
         """Another world of the same model object, in its start state, without cameras.
 
-        What is the same is shared: the model, which neither may edit alone, and its scene.
+        What is the same is shared: the model, which neither may edit alone, and its scene. A twin
+        that is reset with `scene` goes on with a copy of the model.
         """
         other = World.__new__(World)
         other._scene_config, other._start_us = self._scene_config, self._start_us
@@ -154,12 +158,28 @@ class World:
         other._physics = Physics(self.model, self.substeps.tick_us, self._control.keyframe)
         other._physics.substeps = self.substeps
         other._scene, other._digest = self._scene, self._digest
+        other._values = self._values
         other._taker = SnapshotTaker(self.model)
         other._history = SnapshotHistory(other._taker)
         other._cameras, other._view_refs, other._bounds = [], [], []
         other._twins = self._twins
         self._twins.append(ref(other))
         return other
+
+    def _part(self) -> None:
+        """Have a model of one's own, a copy, where twins share it."""
+        if all(one() in (None, self) for one in self._twins):
+            return
+        self._see_edits()
+        self._twins[:] = [one for one in self._twins if one() is not self]
+        self._twins = [ref(self)]
+        model = self._physics.part()
+        self._scene, self._values = self._scene.copy_for(model), self._values.copy_for(model)
+        self._digest, self._taker = ModelDigest(model), SnapshotTaker(model, self._bounds)
+        self._history.part(self._taker)
+        seers: list[Camera | View] = [*self._cameras, *self._views]
+        for one in seers:
+            one.part(model)
 
     def add_like(self, camera: Camera) -> Camera:
         """Add the camera of a twin, with a seed of its own, on this world's clock."""
@@ -327,8 +347,36 @@ class World:
         Raises:
             EvsError: It is damaged, or of another model or configuration; nothing has changed.
         """
-        identity = {"kind": "world", **self.identity}
-        self.restoring(unpack_here(blob, identity, self.arrays()))()
+        with self.values_of(blob):
+            identity = {"kind": "world", **self.identity}
+            self.restoring(unpack_here(blob, identity, self.arrays()))()
+
+    @contextmanager
+    def values_of(self, blob: bytes) -> Iterator[None]:
+        """Put the values of the scene into the model that a saved state was saved with.
+
+        What is done within is undone if it raises.
+
+        Args:
+            blob: What `save` gave.
+
+        Raises:
+            EvsError: It is damaged.
+        """
+        values, before = described(blob).get("scene_values", {}), self._values.values
+        try:
+            values = self._values.check(values)
+        except EvsError:
+            # of another model, which is said where it is compared
+            values = before
+        if values != before:
+            self._part()
+            self._values.put(values)
+        try:
+            yield
+        except BaseException:
+            self._values.put(before)
+            raise
 
     def arrays(self) -> Saved:
         """What `save` packs, by name."""
@@ -390,6 +438,8 @@ class World:
             "model": self._digest(),
             "cameras": [camera.name for camera in self._cameras],
             "camera": {camera.name: camera.identity for camera in self._cameras},
+            # a state of before there were any has none
+            **({"scene_values": dict(values)} if (values := self._values.values) else {}),
         }
 
     def give(self, ctrl: F64) -> None:
@@ -455,7 +505,11 @@ class World:
         return snapshot
 
     def reset(
-        self, seed: int | None = None, keyframe: str = "", sensor: str | SensorConfig | None = None
+        self,
+        seed: int | None = None,
+        keyframe: str = "",
+        sensor: str | SensorConfig | None = None,
+        scene: Mapping[str, float] | None = None,
     ) -> None:
         """Go back to the beginning: time, physics, pixels and counters.
 
@@ -468,9 +522,32 @@ class World:
                 "none" the model's own qpos0.
             sensor: Another sensor for every camera, as in evs.randomise_sensor; the size and the
                 scene stay, so this is quicker than another world. None keeps the last.
+            scene: Values of the scene from now on, by key, as in evs.SceneRanges: lights, colours,
+                masses, where it starts. {} is the model's own; None keeps the last.
 
         Raises:
-            EvsError: No such keyframe, or a sensor that no camera can have; nothing has changed.
+            EvsError: No such keyframe or key, a value that makes no model, or a sensor that no
+                camera can have; nothing has changed.
+        """
+        self.resetting(seed, keyframe, sensor, scene)()
+
+    def resetting(
+        self,
+        seed: int | None = None,
+        keyframe: str = "",
+        sensor: str | SensorConfig | None = None,
+        scene: Mapping[str, float] | None = None,
+    ) -> Callable[[], None]:
+        """Check a reset; the function that is returned does it.
+
+        Args:
+            seed: As of `reset`.
+            keyframe: As of `reset`.
+            sensor: As of `reset`.
+            scene: As of `reset`.
+
+        Raises:
+            EvsError: As of `reset`.
         """
         start = self._control.keyframe
         if keyframe != "":
@@ -481,18 +558,27 @@ class World:
             camera.resetting(None if seed is None else seed + place, sensor)
             for place, camera in enumerate(self._cameras)
         ]
-        if seed is not None:
-            # a control seed of its own keeps its distance
-            self._control.reseed(self._control.seed + seed - self._seed)
-            self._seed = seed
-        self._given = None
-        self._scene.compare_large_arrays()
-        self._history.reset()
-        self._physics.reset(start)
-        for reset in cameras:
-            reset()
-        for view in self._views:
-            view.reset(seed)
+        values = None if scene is None else self._values.check(scene)
+
+        def put() -> None:
+            if values is not None and values != self._values.values:
+                self._part()
+                self._values.put(values)
+                self._see_edits()
+            if seed is not None:
+                # a control seed of its own keeps its distance
+                self._control.reseed(self._control.seed + seed - self._seed)
+                self._seed = seed
+            self._given = None
+            self._scene.compare_large_arrays()
+            self._history.reset()
+            self._physics.reset(start, self._values.start)
+            for reset in cameras:
+                reset()
+            for view in self._views:
+                view.reset(seed)
+
+        return put
 
     def finish(self) -> tuple[EventPacket, ...]:
         """The packets of ticks that wait for the rest of their chunk (model.chunk), without it."""
@@ -531,6 +617,11 @@ class World:
                 camera.start(snapshot)
         for view in self._views:
             view.start()
+
+    @property
+    def scene_values(self) -> dict[str, float]:
+        """Values of the scene by key, since the last reset; without one the model's own holds."""
+        return dict(self._values.values)
 
     @property
     def physics(self) -> Physics:

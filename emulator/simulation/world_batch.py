@@ -60,17 +60,16 @@ class WorldBatch:
         self._measured = measured
         stage = measured.stage if measured else 0
         self._physics = PhysicsBatch([world.physics for world in worlds], threads, stage)
-        bounds = [camera.bound for camera in first.cameras]
+        bounds = [[camera.bound for camera in world.cameras] for world in worlds]
         self._poses = PoseBatch(self._physics, first.model, bounds)
         self._native = _core.CameraBatch(threads=threads)
         self._lights: npt.NDArray[np.intp] | None = None
         for place, world in enumerate(worlds):
             for camera in world.cameras:
-                lent = _lent(camera)
-                array = lent.pixels.model.array(lent.pixels.state.seed)
-                self._native.add(lent.renderer.caster, array, lent.renderer.luminance, place)
-                if len(lent.renderer.lights) < self._poses.light_pos.shape[1]:
-                    self._lights = lent.renderer.lights
+                self._native.add(place)
+                lights = _lent(camera).renderer.lights
+                if len(lights) < self._poses.light_pos.shape[1]:
+                    self._lights = lights
         self._count = count
         self._numbers = np.arange(len(worlds) * count, dtype=np.int32).reshape(len(worlds), count)
         """of each world's cameras in the native batch"""
@@ -99,6 +98,8 @@ class WorldBatch:
             state = parts.pixels.state
             self._native.put(
                 number,
+                parts.renderer.caster,
+                parts.renderer.luminance,
                 parts.pixels.model.array(state.seed),
                 state.arrays(),
                 seed=parts.renderer.seed,
@@ -108,6 +109,7 @@ class WorldBatch:
                 all_due=bool(state.all_due),
             )
         self._physics.load(world)
+        self._poses.load(world, [camera.bound for camera in one.cameras])
         self._lent[world] = lent
         self._ticks[world] = 0
         self._events[world] = 0

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Lock
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -82,7 +83,8 @@ class Worlds:
     World i gives the bytes of `World(scene, seed=worlds.seeds[i])`; of a SceneConfig, which has a
     control seed of its own, those of `World(scene, seed=worlds.seeds[0])` after a reset to that
     seed. A world whose physics breaks down ends alone, see `ended`; the others go on. The model is
-    shared: an edit of it shows in every world.
+    shared, and an edit of it shows in every world, until worlds are reset with `scene`: each of
+    these goes on with a copy of its own.
     """
 
     def __init__(
@@ -128,7 +130,7 @@ class Worlds:
         self._worlds = [first, *(first.twin() for _ in range(count - 1))]
         for number, world in enumerate(self._worlds):
             world.reset(first.seed + SEED_STEP * number)
-        self._revision = first.revision
+        self._revisions = [first.revision] * count
         self._batch: WorldBatch | None = None
         self._reason: str | None = None
         self._measuring = Lock()
@@ -275,7 +277,7 @@ class Worlds:
             going = [number for number in which.tolist() if number not in ended]
             if self._measured is not None:
                 for number in ended:
-                    self._measured.measure(number, self._worlds[number].data)
+                    self._measure_world(number)
                 ended.update(self._measured.left(going))
             if ended or (ticks[which] == tick).any():
                 self.ended.update(ended)
@@ -297,7 +299,7 @@ class Worlds:
                     events.append(packet.events)
                 if self._measured is not None:
                     with self._measuring:
-                        self._measured.measure(number, world.data)
+                        self._measure_world(number)
                         left = self._measured.left([number])
                     if left:
                         return found, left[number]
@@ -331,10 +333,13 @@ class Worlds:
 
     def _measure(self, worlds: Iterable[int]) -> None:
         """Measure worlds that are not in the batch."""
-        if self._measured is None:
-            return
         for number in worlds:
-            self._measured.measure(number, self._worlds[number].data)
+            self._measure_world(number)
+
+    def _measure_world(self, number: int) -> None:
+        if self._measured is not None:
+            world = self._worlds[number]
+            self._measured.measure(number, world.data, world.model)
 
     def reset(
         self,
@@ -342,7 +347,8 @@ class Worlds:
         worlds: Iterable[int] | None = None,
         *,
         keyframe: str = "",
-        sensor: str | SensorConfig | None = None,
+        sensor: str | SensorConfig | Sequence[str | SensorConfig] | None = None,
+        scene: Mapping[str, float] | Sequence[Mapping[str, float]] | None = None,
         start: Start | None = None,
     ) -> None:
         """Put worlds back to their beginning, each as of World.reset.
@@ -352,11 +358,13 @@ class Worlds:
                 `worlds`; None keeps the last.
             worlds: Their numbers; None: all.
             keyframe: As of World.reset.
-            sensor: As of World.reset, for all of `worlds`.
+            sensor: As of World.reset, for all of `worlds`, or one for each.
+            scene: As of World.reset, for all of `worlds`, or values for each.
             start: Puts the MjData of a world into another state.
 
         Raises:
-            EvsError: As of World.reset, a number that no world has, or another number of seeds.
+            EvsError: As of World.reset, a number that no world has, or another number of seeds,
+                sensors or scenes; nothing has changed.
         """
         chosen = self._chosen(worlds)
         seeds: list[int | None]
@@ -368,13 +376,20 @@ class Worlds:
             seeds = [plain_integer(one, "seed") for one in seed]
             if len(seeds) != len(chosen):
                 raise EvsError(f"{len(seeds)} seeds for {len(chosen)} worlds: give one for each")
+        sensors = _for_each(sensor, len(chosen), "sensors")
+        scenes = _for_each(scene, len(chosen), "scenes")
         self._see_edits()
         self._settle(chosen)
-        for number, one in zip(chosen, seeds, strict=True):
-            self._worlds[number].reset(one, keyframe, sensor)
+        resets = [
+            self._worlds[number].resetting(one, keyframe, *others)
+            for number, one, *others in zip(chosen, seeds, sensors, scenes, strict=True)
+        ]
+        for number, reset in zip(chosen, resets, strict=True):
+            reset()
             self.ended.pop(number, None)
             if start is not None:
                 start(number, self._worlds[number].data)
+        self._keep_revisions(chosen)
         self._begin(chosen)
 
     def _begin(self, worlds: list[int]) -> None:
@@ -411,6 +426,7 @@ class Worlds:
         self._settle(chosen)
         for number, blob in zip(chosen, blobs, strict=True):
             self._worlds[number].restore(blob)
+            self._keep_revisions([number])
             self.ended.pop(number, None)
         self._begin(chosen)
 
@@ -445,12 +461,19 @@ class Worlds:
                 self._batch.settle(number)
 
     def _see_edits(self) -> None:
-        """Show the model as it is now, in every world. Raises EvsError."""
-        revision = self._worlds[0].revision
-        if revision != self._revision:
-            self._revision = revision
+        """Show every model as it is now. Raises EvsError."""
+        # one world of each model
+        firsts = {id(world.model): number for number, world in enumerate(self._worlds)}
+        now = {number: self._worlds[number].revision for number in firsts.values()}
+        if any(revision != self._revisions[number] for number, revision in now.items()):
             self._settle(range(len(self)))
             self._batch = self._reason = None
+            self._keep_revisions(range(len(self)))
+
+    def _keep_revisions(self, worlds: Iterable[int]) -> None:
+        """What these worlds show is known: values of a scene are no edit of the caller's."""
+        for number in worlds:
+            self._revisions[number] = self._worlds[number].revision
 
     @property
     def one_by_one(self) -> str:
@@ -463,7 +486,10 @@ class Worlds:
 
     @property
     def model(self) -> MjModel:
-        """The mujoco.MjModel that all share, our own copy, which may be edited."""
+        """The mujoco.MjModel of world 0, our own copy, which may be edited.
+
+        All share it that were not reset with values of their own; see `world(i).model`.
+        """
         return self._worlds[0].model
 
     @property
@@ -513,3 +539,12 @@ class Worlds:
             ],
             np.int64,
         )
+
+
+def _for_each(given: Any, count: int, what: str) -> list[Any]:
+    """One of a thing for each of `count` worlds. EvsError: there are more or fewer."""
+    if isinstance(given, str) or not isinstance(given, Sequence):
+        return [given] * count
+    if len(given) != count:
+        raise EvsError(f"{len(given)} {what} for {count} worlds: give one for each")
+    return [*given]

@@ -1,6 +1,6 @@
 """Saved states: named arrays in bytes, checked; and whether they belong to this world."""
 
-from evs.emulator.state.blob import MAX_BYTES, pack, unpack
+from evs.emulator.state.blob import MAX_BYTES, described, pack, unpack
 from evs.emulator.state.identity import check_identity
 from evs.emulator.state.tree import (
     MOST,
@@ -22,6 +22,7 @@ __all__ = [
     "Saved",
     "check_identity",
     "check_like",
+    "described",
     "joined",
     "number",
     "numbers",

@@ -100,18 +100,8 @@ def unpack(blob: bytes, check: Check | None = None) -> tuple[dict[str, Any], dic
     Raises:
         EvsError: It is something else, or damaged.
     """
-    if not isinstance(blob, bytes | bytearray | memoryview):
-        raise EvsError(f"a saved state is bytes, not {type(blob).__name__}: give what save() gave")
-    raw = memoryview(blob).cast("B") if memoryview(blob).c_contiguous else memoryview(bytes(blob))
-    if len(raw) < _START.size or bytes(raw[: len(MAGIC)]) != MAGIC:
-        raise EvsError("these bytes are no saved state of evs: give what save() gave")
-    _, version, crc, size = _START.unpack(raw[: _START.size])
-    if version != VERSION:
-        raise EvsError(
-            f"saved state is of format {version}, this evs reads {VERSION}: save it with this evs"
-        )
-    if zlib.crc32(raw[_START.size - 4 :]) != crc:
-        raise EvsError(_DAMAGED.format(f"its checksum does not fit its {len(raw)} bytes"))
+    raw = _opened(blob)
+    _, _, _, size = _START.unpack(raw[: _START.size])
     about, listed = _head(raw[_START.size : _START.size + size])
     place, total = _START.size + size, 0
     rows: dict[str, Row] = {}
@@ -134,6 +124,30 @@ def unpack(blob: bytes, check: Check | None = None) -> tuple[dict[str, Any], dic
             raise EvsError(_DAMAGED.format(f"array {name!r} holds no text"))
         place += row.stored
     return about, arrays
+
+
+def described(blob: bytes) -> dict[str, Any]:
+    """The description of a saved state, without its arrays. EvsError as of `unpack`."""
+    raw = _opened(blob)
+    _, _, _, size = _START.unpack(raw[: _START.size])
+    return _head(raw[_START.size : _START.size + size])[0]
+
+
+def _opened(blob: bytes) -> memoryview:
+    """The bytes of a saved state, whole and of this format."""
+    if not isinstance(blob, bytes | bytearray | memoryview):
+        raise EvsError(f"a saved state is bytes, not {type(blob).__name__}: give what save() gave")
+    raw = memoryview(blob).cast("B") if memoryview(blob).c_contiguous else memoryview(bytes(blob))
+    if len(raw) < _START.size or bytes(raw[: len(MAGIC)]) != MAGIC:
+        raise EvsError("these bytes are no saved state of evs: give what save() gave")
+    _, version, crc, _ = _START.unpack(raw[: _START.size])
+    if version != VERSION:
+        raise EvsError(
+            f"saved state is of format {version}, this evs reads {VERSION}: save it with this evs"
+        )
+    if zlib.crc32(raw[_START.size - 4 :]) != crc:
+        raise EvsError(_DAMAGED.format(f"its checksum does not fit its {len(raw)} bytes"))
+    return raw
 
 
 def _store(array: Array, compress: bool) -> tuple[str, bytes | memoryview]:

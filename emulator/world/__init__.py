@@ -61,6 +61,8 @@ from evs.emulator.world.physics_batch import (
     has_callbacks,
     why_not_batched,
 )
+from evs.emulator.world.scene_keys import SceneKey, every_key, find_keys
+from evs.emulator.world.scene_values import SceneValues
 from evs.emulator.world.snapshots import SnapshotTaker
 
 __all__ = [
@@ -84,6 +86,8 @@ __all__ = [
     "PhysicsBatch",
     "PoseBatch",
     "Scene",
+    "SceneKey",
+    "SceneValues",
     "SnapshotTaker",
     "Substeps",
     "UnstableError",
@@ -94,9 +98,11 @@ __all__ = [
     "check_control",
     "control_range",
     "digest_of",
+    "every_key",
     "extract_scene",
     "fill_tick",
     "find_keyframe",
+    "find_keys",
     "gravity_of",
     "has_callbacks",
     "home_keyframe",

@@ -79,9 +79,14 @@ class Encoders:
         self.limits = read_limits(model, limits or {})
         self._stage = max((limit.stage for limit in self.limits), default=0)
 
-    def read(self, data: mujoco.MjData) -> None:
-        """Measure `data`, which is only read."""
-        model, own = self._model, self._data
+    def read(self, data: mujoco.MjData, model: mujoco.MjModel | None = None) -> None:
+        """Measure a state.
+
+        Args:
+            data: It; only read.
+            model: A copy of the model with other values, which the data is of; None: the model.
+        """
+        model, own = model or self._model, self._data
         mujoco.mj_getState(model, data, self._state, STATE)
         mujoco.mj_setState(model, own, self._state, STATE)
         if self._stage >= int(Stages.mjSTAGE_ACC):
@@ -215,9 +220,15 @@ class Measurements:
         self.sensordata = np.zeros((worlds, model.nsensordata))
         """(n, nsensordata)"""
 
-    def measure(self, world: int, data: mujoco.MjData) -> None:
-        """Measure a world by its data, which is only read."""
-        self._one.read(data)
+    def measure(self, world: int, data: mujoco.MjData, model: mujoco.MjModel) -> None:
+        """Measure a world.
+
+        Args:
+            world: Its number.
+            data: Its data; only read.
+            model: Its model.
+        """
+        self._one.read(data, model)
         self.position[world], self.velocity[world] = self._one.position, self._one.velocity
         self.sensordata[world] = self._one.sensordata
 

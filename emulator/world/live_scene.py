@@ -38,6 +38,19 @@ class LiveScene:
         self._pending = self._whole = self._compare_large = False
         self._twin: tuple[mujoco.MjModel, _core.Watch] | None = None
 
+    def copy_for(self, model: mujoco.MjModel) -> LiveScene:
+        """The same scene, of a copy of the model; no edit of either shows in the other."""
+        other = LiveScene.__new__(LiveScene)
+        other._model, other._parts = model, PartCache(self._parts)
+        # its parts are known from here on
+        extract_scene(model, other._parts, self.scene)
+        other._parts.detach()
+        other._watch = ModelWatch(model)
+        other.scene, other.revision = self.scene, self.revision
+        other._pending, other._whole = self._pending, self._whole
+        other._compare_large, other._twin = self._compare_large, None
+        return other
+
     def check_data(self, data: mujoco.MjData) -> None:
         """EvsError where data is of another model; of a copy that is as the model is will do."""
         other = data.model

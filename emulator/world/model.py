@@ -171,6 +171,8 @@ COUNTS = {
     mujoco.mjtObj.mjOBJ_JOINT: "njnt",
     mujoco.mjtObj.mjOBJ_GEOM: "ngeom",
     mujoco.mjtObj.mjOBJ_CAMERA: "ncam",
+    mujoco.mjtObj.mjOBJ_LIGHT: "nlight",
+    mujoco.mjtObj.mjOBJ_MATERIAL: "nmat",
     mujoco.mjtObj.mjOBJ_ACTUATOR: ACTUATOR_COUNT,
     mujoco.mjtObj.mjOBJ_KEY: "nkey",
     mujoco.mjtObj.mjOBJ_SENSOR: "nsensor",

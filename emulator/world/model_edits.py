@@ -116,8 +116,14 @@ class _Part:
 class PartCache:
     """What was made of large arrays, mesh by mesh and texture by texture: kept while they stay."""
 
-    def __init__(self) -> None:
+    def __init__(self, like: PartCache | None = None) -> None:
+        """Nothing is kept yet.
+
+        Args:
+            like: That of a copy of the model, whose parts are taken where the arrays are the same.
+        """
         self._parts: dict[Hashable, _Part] = {}
+        self._like = dict(like._parts) if like else {}
 
     def get(
         self,
@@ -132,9 +138,15 @@ class PartCache:
         """
         part = self._parts.get(key)
         if part is None or part.numbers != numbers:
-            part = _Part(numbers, arrays, _core.digest(list(arrays)), make())
-            self._parts[key] = part
+            digest, like = _core.digest(list(arrays)), self._like.pop(key, None)
+            same = like is not None and (like.numbers, like.digest) == (numbers, digest)
+            made = like.made if like is not None and same else make()
+            self._parts[key] = part = _Part(numbers, arrays, digest, made)
         return cast(Made, part.made)
+
+    def detach(self) -> None:
+        """Take nothing of another model any more."""
+        self._like.clear()
 
     def forget_changed(self) -> bool:
         """A close look: forget what was made of arrays that changed. Whether any was."""

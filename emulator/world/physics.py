@@ -6,6 +6,7 @@ part of it. Kinematics, from joint positions to poses without forces or time, fo
 
 from __future__ import annotations
 
+import copy
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -239,16 +240,29 @@ class Physics:
         self._warnings = self.data.warning.number
         self.reset(keyframe)
 
-    def reset(self, keyframe: int = -1) -> None:
+    def part(self) -> mujoco.MjModel:
+        """Go on with a copy of the model, in the same state; the copy."""
+        saved, model = save_physics(self.model, self.data), copy.copy(self.model)
+        self.model, self.data = model, mujoco.MjData(model)
+        put_physics(model, self.data, saved)
+        self._warnings = self.data.warning.number
+        return model
+
+    def reset(
+        self, keyframe: int = -1, start: Callable[[mujoco.MjData], None] | None = None
+    ) -> None:
         """Go back to the beginning.
 
         Args:
             keyframe: Id of the keyframe to start from; -1: qpos0.
+            start: Puts the data into another state.
         """
         model = self.model
         mujoco.mj_resetData(model, self.data)
         if keyframe >= 0:
             mujoco.mj_resetDataKeyframe(model, self.data, keyframe)
+        if start is not None:
+            start(self.data)
         self.data.time = 0.0
         # poses to read before the first step; they follow from qpos and change no state
         mujoco.mj_kinematics(model, self.data)

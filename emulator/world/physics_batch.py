@@ -60,7 +60,7 @@ class PhysicsBatch:
         """Make room for the worlds; nothing is loaded yet.
 
         Args:
-            worlds: Of one model, with the same ticks.
+            worlds: Of one model, or of copies of it with other values, with the same ticks.
             threads: Worlds at once; 0: one a core.
             stage: Up to which mjtStage fields are those of the end of a tick; at least poses are.
         """
@@ -69,7 +69,8 @@ class PhysicsBatch:
         self._stage = max(int(stage), mujoco.mjtStage.mjSTAGE_POS.value)
         self._error: type[Exception] = SimulationError
         self._worlds, self._substeps = worlds, worlds[0].substeps
-        self._model = worlds[0].model
+        self._models = [world.model for world in worlds]
+        self._differ = False
         self._batch: Any = Batch(worlds[0].model, len(worlds), threads, persistent=True)
         self.state: F64 = self._batch.state
         """(n, mjSTATE_INTEGRATION) what the next tick of each world follows from"""
@@ -118,6 +119,8 @@ class PhysicsBatch:
 
     def load(self, world: int) -> None:
         """From now on a world's state is here."""
+        self._models[world] = self._worlds[world].model
+        self._differ = any(model is not self._models[0] for model in self._models)
         self.state[world] = self._worlds[world].state
         self._ticks[world] = self._worlds[world].tick
 
@@ -137,8 +140,8 @@ class PhysicsBatch:
         self._before[which] = self.state[which]
         # counts begin at 1, so that MuJoCo prints nothing: see Physics
         self._warnings[:] = SILENT
-        # the batch has a copy, and takes edits of the model only so
-        self._batch.set_models(self._model)
+        # the batch has a copy, and takes edits of models only so
+        self._batch.set_models(self._models if self._differ else self._models[0])
         everyone = len(which) == len(self._worlds)
         failed: set[int] = set()
         try:
@@ -172,14 +175,14 @@ class PoseBatch:
     """Where everything in many worlds is after a tick: rows as of SnapshotTaker, world by world."""
 
     def __init__(
-        self, physics: PhysicsBatch, model: mujoco.MjModel, cameras: Sequence[BoundCamera]
+        self, physics: PhysicsBatch, model: mujoco.MjModel, cameras: Sequence[Sequence[BoundCamera]]
     ) -> None:
         """Find the rows.
 
         Args:
             physics: Whose ticks they follow.
-            model: Of all worlds; `why_not_batched` has no objection.
-            cameras: Of every world.
+            model: Of one world, and with other values of all; `why_not_batched` has no objection.
+            cameras: Of each world, of the same kind.
         """
         worlds = len(physics.state)
         geoms, sites, lights = visible_geoms(model), visible_sites(model), active_lights(model)
@@ -201,13 +204,22 @@ class PoseBatch:
         self.geom_pos, self.geom_mat, self.light_pos, self.light_dir = (
             part.all for part in self._gathered
         )
-        self.camera_pos = np.zeros((worlds, len(cameras), 3))
+        self.camera_pos = np.zeros((worlds, len(cameras[0]), 3))
         """(n, cameras, 3)"""
-        self.camera_mat = np.zeros((worlds, len(cameras), 9))
+        self.camera_mat = np.zeros((worlds, len(cameras[0]), 9))
         """(n, cameras, 9)"""
-        self._cameras = cameras
+        self._cameras = [*cameras]
         names = ("xpos", "xmat", "cam_xpos", "cam_xmat")
         self._frames = {name: physics.bind(name) for name in names}
+
+    def load(self, world: int, cameras: Sequence[BoundCamera]) -> None:
+        """From now on these are the cameras of a world."""
+        self._cameras[world] = cameras
+        for place, camera in enumerate(cameras):
+            if isinstance(camera.mount, FreeCamera):
+                # it stands still
+                self.camera_pos[world, place] = camera.mount.fixed.pos
+                self.camera_mat[world, place] = camera.mount.fixed.mat
 
     def update(self, which: I32, t_us: I64) -> None:
         """Take them after a tick.
@@ -219,20 +231,15 @@ class PoseBatch:
         for part in self._gathered:
             part.update()
         frames = self._frames
-        for place, camera in enumerate(self._cameras):
+        for place, camera in enumerate(self._cameras[0]):
             mount = camera.mount
             if isinstance(mount, ModelCamera):
                 self.camera_pos[:, place] = frames["cam_xpos"][:, mount.camera]
                 self.camera_mat[:, place] = frames["cam_xmat"][:, mount.camera]
-            elif isinstance(mount, FreeCamera):
-                self.camera_pos[:, place], self.camera_mat[:, place] = (
-                    mount.fixed.pos,
-                    mount.fixed.mat,
-                )
-            else:
+            elif not isinstance(mount, FreeCamera):
                 for world in which.tolist():
                     here = SimpleNamespace(**{name: rows[world] for name, rows in frames.items()})
-                    pose = mount.pose(here, int(t_us[world]))
+                    pose = self._cameras[world][place].mount.pose(here, int(t_us[world]))
                     self.camera_pos[world, place], self.camera_mat[world, place] = (
                         pose.pos,
                         pose.mat,

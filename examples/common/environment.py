@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,7 @@ class SeededLoop(Loop, ABC):
         state: bool = False,
         start: Callable[[MjData], None] | None = None,
         sensor: str | SensorConfig | None = None,
+        scene: Mapping[str, float] | None = None,
     ) -> Observation:
         """Reset as Loop does; without `start`, the seed draws one.
 
@@ -36,13 +37,14 @@ class SeededLoop(Loop, ABC):
             state: whether the observation holds the full state.
             start: sets the state in place of the drawn one.
             sensor: another sensor for every camera.
+            scene: values of the scene.
 
         Returns:
             The first observation.
         """
         seed = seed or 0
         drawn = self._draw_start(np.random.default_rng(seed % 2**64))
-        return super().reset(seed, keyframe, state, start or drawn, sensor)
+        return super().reset(seed, keyframe, state, start or drawn, sensor, scene)
 
     @abstractmethod
     def _draw_start(self, random: np.random.Generator) -> Callable[[MjData], None]:

@@ -75,7 +75,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE|KEY=RANGE",
-        help="another sensor in each sequence: ranges of [sensor], or a TOML file of them",
+        help="another sensor or scene in each sequence: ranges, or a TOML file of them",
     )
     add("--short", action="store_true", help="small and quick, to check that everything works")
     for option, (key, placeholder, line) in KEYS.items():

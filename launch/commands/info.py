@@ -107,10 +107,11 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
 
 
 def _randomised(stream: StreamInfo) -> list[tuple[str, str]]:
-    """A line for the values of a sensor that was drawn from ranges."""
+    """A line for the values of a sensor and a scene that were drawn from ranges."""
     record = stream.config.get("randomised")
-    values = record.get("values") if isinstance(record, dict) else None
-    if not isinstance(values, dict) or not values:
+    tables = [record.get(name) for name in ("values", "scene")] if isinstance(record, dict) else []
+    values = {key: one for table in tables if isinstance(table, dict) for key, one in table.items()}
+    if not values:
         return []
     return [("randomised", ", ".join(f"{key} {value}" for key, value in values.items()))]
 

@@ -16,8 +16,9 @@ from types import ModuleType
 import pytest
 
 from evs.drivers.run import config as pipeline
-from evs.drivers.run.sensor_ranges import read_ranges
+from evs.drivers.run.sensor_ranges import read_ranges, split_ranges
 from evs.emulator.sensor.randomisation import SensorRanges
+from evs.emulator.simulation.scene_ranges import SceneRanges
 from evs.launch import main
 from evs.launch.support.options import parse_pipeline
 from evs.tools.dataset.scenes import of_file
@@ -26,6 +27,14 @@ ROOT = Path(__file__).parents[2]
 YESTERDAY = ROOT / "tests/docs/commands_0_1.txt"
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
 PAGES = [page for page in PAGES if "measured" not in page.parts]
+
+ROBOT = """
+<mujoco><worldbody>
+  <light name="lamp"/><geom name="floor" type="plane" size="1 1 1"/><camera name="left"/>
+  <body name="arm"><joint name="hinge"/><geom name="rod" size="1"/></body>
+</worldbody></mujoco>
+"""
+"""what the ranges of the pages name"""
 
 # first word of a line -> why it is neither run nor parsed here
 ELSEWHERE = {
@@ -153,9 +162,15 @@ def test_the_toml_of_the_pages_and_of_yesterdays_loads(folder: Path) -> None:
         (folder / "robot.toml").write_text(text)
         scene = of_file(str(folder / "robot.xml"), "robot")
         assert (scene.frames.fps, len(scene.motion)) == (60.0, 1)
-    (text,) = ranges
-    (folder / "ranges.toml").write_text(text)
-    assert len(SensorRanges(read_ranges(folder / "ranges.toml")).draw(1).values) == 8
+    counts = []
+    (folder / "robot.xml").write_text(ROBOT)
+    for text in ranges:
+        (folder / "ranges.toml").write_text(text)
+        sensor, scene = split_ranges(read_ranges(folder / "ranges.toml"))
+        values = SceneRanges(scene, folder / "robot.xml").draw(1).values
+        counts.append((len(SensorRanges(sensor).draw(1).values), len(values)))
+    # light, two colours, friction, mass, place and turn of the camera, start
+    assert sorted(counts) == [(1, 16), (8, 0)]
 
 
 def test_there_are_lines() -> None:

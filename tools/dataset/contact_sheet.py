@@ -46,11 +46,15 @@ def scene_page(scene: RecordedSequence) -> U8:
     """(h, w, 3): one moment of a scene, every channel with its caption."""
     frame = moment(scene)
     page = channel_page({name: frame[name] for name in CHANNELS})
-    return _with_words(page, words_of(scene.sensor_values), SIZE_PX)
+    return _with_words(page, words_of(_values_of(scene)), SIZE_PX)
+
+
+def _values_of(scene: RecordedSequence) -> dict[str, float]:
+    return {**scene.sensor_values, **scene.scene_values}
 
 
 def words_of(values: Mapping[str, float]) -> str:
-    """The values of a randomised sensor, for people."""
+    """The values of a randomised sensor and scene, for people."""
     return ", ".join(f"{key} {value:g}" for key, value in values.items())
 
 
@@ -61,7 +65,7 @@ def set_page(scenes: Iterable[RecordedSequence]) -> U8:
         frame = moment(scene)
         pictures = [panel(name, np.asarray(frame[name]))[0] for name in ROW]
         step = max(1, pictures[0].shape[1] // ROW_PX)
-        values = words_of(scene.sensor_values)
+        values = words_of(_values_of(scene))
         named = f"{scene.name}: {values}" if values else scene.name
         rows.append((named, [_smaller(picture, step) for picture in pictures]))
     height, width = rows[0][1][0].shape[:2]

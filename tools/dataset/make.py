@@ -140,9 +140,11 @@ def describe(folder: Path, scenes: Mapping[str, SceneFile]) -> Iterator[str]:
         )
         if scene.episodes > 1:
             yield f"{'':10s}{scene.episodes} episodes, each with another seed"
-        for sequence, drawn in zip(scene.sequence_names(name), scene.draw(name), strict=True):
-            if drawn:
-                yield f"  {sequence}: {words_of(drawn.values)}"
+        draws = zip(scene.draw(name), scene.draw_scenes(name), strict=True)
+        for sequence, drawn in zip(scene.sequence_names(name), draws, strict=True):
+            values = {key: value for one in drawn if one for key, value in one.values.items()}
+            if values:
+                yield f"  {sequence}: {words_of(values)}"
     yield (
         f"{'all':10s}{seconds:6.1f} s  {round(frames)} frames; what a second costs: "
         "docs/howto/datasets.md"
@@ -159,7 +161,8 @@ def _describe_existing(folder: Path) -> Iterator[str]:
             f"{name:10s}{seconds:6.1f} s  {scene['place'] or 'own':8s}{scene['frames']} frames, "
             f"{len(own)} files, {sum(own.values()) / 1e6:.1f} MB: {scene['about']}"
         )
-        if values := scene.get("randomised", {}).get("values"):
+        record = scene.get("randomised", {})
+        if values := {**record.get("values", {}), **record.get("scene", {})}:
             yield f"  {name}: {words_of(values)}"
     yield "versions  " + ", ".join(f"{key} {value}" for key, value in manifest["versions"].items())
 
@@ -168,8 +171,8 @@ def describe_settings(
     sequences: Sequence[SequenceSpec], scenes: Mapping[str, SceneFile], shard_s: float
 ) -> dict[str, Any]:
     """All settings on which the bytes depend, and what their numbers mean, as plain values."""
-    # the first sequence of each scene
-    firsts = {sequence.scene: sequence for sequence in reversed(sequences)}
+    # the first sequence of each scene, and each whose scene has values of its own
+    firsts = {_model_name(sequence): sequence for sequence in reversed(sequences)}
     models = {name: _describe_model(first) for name, first in firsts.items()}
     return {
         "kind": KIND,
@@ -177,21 +180,27 @@ def describe_settings(
         "shard_s": shard_s,
         "scenes": {
             sequence.name: _describe_sequence(
-                sequence, scenes[sequence.scene], models[sequence.scene]
+                sequence, scenes[sequence.scene], models[_model_name(sequence)]
             )
             for sequence in sequences
         },
     }
 
 
+def _model_name(sequence: SequenceSpec) -> str:
+    return sequence.name if sequence.drawn_scene else sequence.scene
+
+
 def _describe_model(sequence: SequenceSpec) -> dict[str, Any]:
-    """What all sequences of a scene have in common."""
+    """What all sequences of a scene have in common that show the same values."""
     with sequence.with_model_file() as config:
         world = World.from_config(config)
     (camera,) = world.cameras
     model = world.model
+    digest = digest_of(model)
+    sequence.randomise(world)
     return {
-        "model": digest_of(model),
+        "model": digest,
         "camera_info": json.loads(json.dumps(camera.info.camera_info)),
         "geoms": [model.geom(place).name for place in range(model.ngeom)],
         "bodies": [model.body(place).name for place in range(model.nbody)],

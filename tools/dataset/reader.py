@@ -57,9 +57,23 @@ class RecordedSequence:
 
         They are in the header of its recordings as well: config["randomised"]["values"].
         """
-        stream = stream_of(self._events[0][0] / EVENTS)
-        values: dict[str, float] = stream.config.get("randomised", {}).get("values", {})
+        values: dict[str, float] = self._randomised.get("values", {})
         return values
+
+    @cached_property
+    def scene_values(self) -> dict[str, float]:
+        """The values of a scene that was drawn from ranges, as World.reset takes them; else empty.
+
+        They are in the header of its recordings as well: config["randomised"]["scene"].
+        """
+        values: dict[str, float] = self._randomised.get("scene", {})
+        return values
+
+    @cached_property
+    def _randomised(self) -> dict[str, Any]:
+        stream = stream_of(self._events[0][0] / EVENTS)
+        record: dict[str, Any] = stream.config.get("randomised", {})
+        return record
 
     @property
     def time_us(self) -> tuple[int, int]:

@@ -10,9 +10,11 @@ from pathlib import Path
 
 from evs.drivers import settings
 from evs.drivers.run.paths import beside, in_package, with_run_paths
+from evs.drivers.run.sensor_ranges import split_ranges
 from evs.emulator.config import ModelConfig, RenderConfig, RunConfig, SensorConfig
 from evs.emulator.sensor import resolve_sensor
 from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
+from evs.emulator.simulation.scene_ranges import DrawnScene, SceneRanges
 from evs.emulator.world import MjModel, load_model
 from evs.msgs import EvsError, nearest_first
 from evs.tools.dataset.motion import Track, control_of
@@ -57,10 +59,10 @@ class SceneFile(RunConfig):
     motion: tuple[Track, ...] = ()
     episodes: int = 1
     """how often the scene is recorded: each time with another seed, and so with other noise, other
-    motion where it is random, and another sensor where `randomise` has ranges"""
+    motion where it is random, and another sensor and scene where `randomise` has ranges"""
     randomise: Mapping[str, str] = field(default_factory=dict)
     """ranges of the sensor: key of [sensor] -> uniform(low, high), log_uniform(low, high),
-    normal(mean, deviation) or choice(a, b, ...)"""
+    normal(mean, deviation) or choice(a, b, ...); and of the scene, behind `scene.`"""
 
     def sequence_names(self, name: str) -> tuple[str, ...]:
         """Names of the sequences of a scene of this name: its own, or one for each episode."""
@@ -74,12 +76,27 @@ class SceneFile(RunConfig):
         Raises:
             EvsError: a range makes no sense.
         """
-        if not self.randomise:
+        sensor, _ = split_ranges(self.randomise)
+        if not sensor:
             return [None] * self.episodes
-        ranges = SensorRanges(self.randomise, SensorConfig(**vars(self.sensor)))
+        ranges = SensorRanges(sensor, SensorConfig(**vars(self.sensor)))
+        return [ranges.draw(self._seed_of(name), episode) for episode in range(self.episodes)]
+
+    def draw_scenes(self, name: str) -> list[DrawnScene | None]:
+        """The values of the scene in each episode; None: no ranges.
+
+        Raises:
+            EvsError: a range makes no sense.
+        """
+        _, scene = split_ranges(self.randomise)
+        if not scene:
+            return [None] * self.episodes
+        ranges = SceneRanges(scene, model_of(self))
+        return [ranges.draw(self._seed_of(name), episode) for episode in range(self.episodes)]
+
+    def _seed_of(self, name: str) -> int:
         # every scene has other sensors; a double holds the number, as in JSON
-        seed = (zlib.crc32(name.encode()) << 20) + self.seed
-        return [ranges.draw(seed, episode) for episode in range(self.episodes)]
+        return (zlib.crc32(name.encode()) << 20) + self.seed
 
     def run(self) -> RunConfig:
         """The part that shapes the events."""
@@ -182,7 +199,7 @@ def check(scene: SceneFile) -> None:
             raise EvsError(f"at {key}: {value:g} s; give {least:g} ... {MOST_SECONDS:g}")
     if not 1 <= scene.episodes <= MOST_EPISODES:
         raise EvsError(f"at episodes: {scene.episodes}; give 1 ... {MOST_EPISODES}")
-    SensorRanges(scene.randomise, SensorConfig(**vars(scene.sensor)))
+    SensorRanges(split_ranges(scene.randomise)[0], SensorConfig(**vars(scene.sensor)))
     if not 0 < scene.frames.fps <= 1e6 / tick_us:
         raise EvsError(
             f"at frames.fps: {scene.frames.fps:g}; give more than 0, at most the "

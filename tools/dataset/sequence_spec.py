@@ -17,6 +17,7 @@ from evs.emulator import View, World
 from evs.emulator.config import CameraConfig, RunConfig
 from evs.emulator.sensor import resolve_sensor
 from evs.emulator.sensor.randomisation import DrawnSensor
+from evs.emulator.simulation.scene_ranges import DrawnScene
 from evs.emulator.world import bytes_of
 from evs.emulator.world.controls import read_controls
 from evs.msgs import EvsError
@@ -49,6 +50,8 @@ class SequenceSpec:
     """the last one"""
     drawn: DrawnSensor | None = None
     """the sensor of this sequence, which `config` has; None: it is not randomised"""
+    drawn_scene: DrawnScene | None = None
+    """the values of its scene; None: it is not randomised"""
 
     @property
     def tick_us(self) -> int:
@@ -70,8 +73,22 @@ class SequenceSpec:
 
     @property
     def randomised(self) -> dict[str, Any]:
-        """What the files say of a sensor that was drawn: {"randomised": ...}; else empty."""
-        return {"randomised": self.drawn.record} if self.drawn else {}
+        """What the files say of a sensor and a scene that were drawn: {"randomised": ...}.
+
+        Without ranges it is empty.
+        """
+        drawn = self.drawn or self.drawn_scene
+        if drawn is None:
+            return {}
+        values = dict(self.drawn.values) if self.drawn else {}
+        record = {"seed": drawn.seed, "episode": drawn.episode, "values": values}
+        scene = {"scene": dict(self.drawn_scene.values)} if self.drawn_scene else {}
+        return {"randomised": {**record, **scene}}
+
+    def randomise(self, world: World) -> None:
+        """Put the scene's values into a world that has not begun."""
+        if self.drawn_scene:
+            world.reset(scene=self.drawn_scene.values)
 
     def control(self, world: World) -> Callable[[], npt.NDArray[np.float64] | None]:
         """The controls of the next tick; None: those of the scene's own source."""
@@ -90,6 +107,7 @@ class SequenceSpec:
         first_look = self.begin - self.settle
         if not first_look:
             world = World.from_config(config)
+            self.randomise(world)
             control = self.control(world)
         elif config.scene.camera and config.camera != CameraConfig():
             raise EvsError(
@@ -98,6 +116,7 @@ class SequenceSpec:
             )
         else:
             world = World(config.scene, seed=config.seed, threads=config.threads)
+            self.randomise(world)
             control = self.control(world)
             while world.tick < first_look:
                 world.step(control())
@@ -116,6 +135,7 @@ class SequenceSpec:
         """The world at a tick, and a view in colour with the samples of the frames."""
         render = replace(config.render, spp=self.frames.spp)
         world, view = World.with_view(replace(config, render=render), rgb=True)
+        self.randomise(world)
         control = self.control(world)
         while world.tick < tick:
             world.step(control())
@@ -137,7 +157,8 @@ def make_sequence_specs(name: str, scene: SceneFile) -> list[SequenceSpec]:
     first = make_sequence_spec(name, scene)
     found = []
     names = scene.sequence_names(name)
-    for episode, (sequence_name, drawn) in enumerate(zip(names, scene.draw(name), strict=True)):
+    draws = zip(names, scene.draw(name), scene.draw_scenes(name), strict=True)
+    for episode, (sequence_name, drawn, drawn_scene) in enumerate(draws):
         config = first.config
         control_seed = config.scene.control_seed + episode
         config = replace(
@@ -151,7 +172,9 @@ def make_sequence_specs(name: str, scene: SceneFile) -> list[SequenceSpec]:
             except EvsError as error:
                 raise EvsError(f"at randomise, sequence {sequence_name}: {error}") from None
             config = replace(config, sensor=drawn.config)
-        found.append(replace(first, name=sequence_name, config=config, drawn=drawn))
+        found.append(
+            replace(first, name=sequence_name, config=config, drawn=drawn, drawn_scene=drawn_scene)
+        )
     return found
 
 

@@ -18,30 +18,24 @@ class CameraBatch {
  public:
   explicit CameraBatch(int threads) : pool_(threads) {}
 
-  int add(nb::object caster, nb::object pixels, Out<float, N, N> luminance, int world) {
-    Camera camera;
-    camera.caster = nb::cast<BoundCaster*>(caster);
-    camera.pixels = nb::cast<BoundPixels*>(pixels);
-    require(camera.caster->width == camera.pixels->width() &&
-                camera.caster->height == camera.pixels->height(),
-            "caster and pixels differ in size");
-    require(
-        luminance.shape(0) == camera.caster->height && luminance.shape(1) == camera.caster->width,
-        "luminance is (height, width)");
+  int add(int world) {
     require(world >= 0, "the world's number");
-    camera.luminance = luminance.data();
+    Camera camera;
     camera.world = static_cast<size_t>(world);
-    camera.keep = nb::make_tuple(caster, pixels, luminance);
     cameras_.push_back(std::move(camera));
     return static_cast<int>(cameras_.size()) - 1;
   }
 
-  void put(int index, nb::object pixels, nb::dict state, int seed, int64_t clock_us,
-           int64_t tick_us, int64_t ticks, bool all_due) {
+  void put(int index, nb::object caster, Out<float, N, N> luminance, nb::object pixels,
+           nb::dict state, int seed, int64_t clock_us, int64_t tick_us, int64_t ticks,
+           bool all_due) {
     Camera& camera = cameras_.at(static_cast<size_t>(index));
+    BoundCaster* renders = nb::cast<BoundCaster*>(caster);
     BoundPixels* bound = nb::cast<BoundPixels*>(pixels);
-    require(bound->width() == camera.pixels->width() && bound->height() == camera.pixels->height(),
-            "pixels of another size");
+    require(renders->width == bound->width() && renders->height == bound->height(),
+            "caster and pixels differ in size");
+    require(luminance.shape(0) == renders->height && luminance.shape(1) == renders->width,
+            "luminance is (height, width)");
     PixelState arrays{needed<double>(state, "reference"),
                       needed<float>(state, "last_log"),
                       needed<float>(state, "last_luminance"),
@@ -59,8 +53,10 @@ class CameraBatch {
                       maybe<Array<int64_t, 1>>(state, "shot_next"),
                       maybe<Array<int64_t, 1>>(state, "shot_count")};
     camera.arrays = bound->bind(arrays);
+    camera.caster = renders;
+    camera.luminance = luminance.data();
     camera.pixels = bound;
-    camera.state = nb::make_tuple(pixels, state);
+    camera.keep = nb::make_tuple(caster, luminance, pixels, state);
     camera.seed = seed;
     camera.clock_us = clock_us;
     camera.tick_us = tick_us;
@@ -97,10 +93,10 @@ class CameraBatch {
                   (k == 0 || index > which.data()[k - 1]),
               "cameras by their numbers, in order");
       const Camera& camera = cameras_[static_cast<size_t>(index)];
+      require(camera.caster != nullptr, "a camera without its caster");
       require(
           camera.world < worlds && camera.caster->geoms == geoms && camera.caster->lights == lights,
           "poses for another number of geoms or lights");
-      require(camera.arrays.reference != nullptr, "a camera without its state");
     }
     GilRelease release;
     pool_.run(static_cast<int>(jobs), [&](int job, int) {
@@ -168,7 +164,7 @@ class CameraBatch {
     int64_t clock_us = 0, tick_us = 0, ticks = 0, clamped = 0;
     bool all_due = false;
     std::vector<Event> events;
-    nb::object keep, state;  // what owns the memory above
+    nb::object keep;  // what owns the memory above
   };
 
   template <class Kind>
@@ -197,27 +193,26 @@ void bind_camera_batch(nb::module_& m) {
       .def(nb::init<int>(), nb::kw_only(), nb::arg("threads"),
            "Args:\n"
            "    threads: The number of cameras at once; 0 for one per core.")
-      .def("add", &CameraBatch::add, nb::arg("caster"), nb::arg("pixels"),
-           nb::arg("luminance").noconvert(), nb::arg("world"),
+      .def("add", &CameraBatch::add, nb::arg("world"),
            "Add a camera.\n"
            "\n"
            "Args:\n"
-           "    caster: What renders it.\n"
-           "    pixels: Its pixels.\n"
-           "    luminance: (h, w) float32, the array that is passed to `Caster.render`.\n"
            "    world: The row of its world in the arrays of `step`.\n"
            "\n"
            "Returns:\n"
            "    Its number.")
-      .def("put", &CameraBatch::put, nb::arg("camera"), nb::arg("pixels"), nb::arg("state"),
-           nb::kw_only(), nb::arg("seed"), nb::arg("clock_us"), nb::arg("tick_us"),
-           nb::arg("ticks"), nb::arg("all_due"),
-           "Set a camera's pixels and their state, whose arrays are modified in place from\n"
-           "now on.\n"
+      .def("put", &CameraBatch::put, nb::arg("camera"), nb::arg("caster"),
+           nb::arg("luminance").noconvert(), nb::arg("pixels"), nb::arg("state"), nb::kw_only(),
+           nb::arg("seed"), nb::arg("clock_us"), nb::arg("tick_us"), nb::arg("ticks"),
+           nb::arg("all_due"),
+           "Set what renders a camera, its pixels and their state, whose arrays are modified\n"
+           "in place from now on.\n"
            "\n"
            "Args:\n"
            "    camera: Its number.\n"
-           "    pixels: The pixels, of the same size.\n"
+           "    caster: What renders it.\n"
+           "    luminance: (h, w) float32, the array that is passed to `Caster.render`.\n"
+           "    pixels: The pixels.\n"
            "    state: The arrays of the state, by the names that `PixelArray.step` takes.\n"
            "    seed: The seed of its light's noise.\n"
            "    clock_us, ticks, all_due: As of `PixelArray.step`.\n"

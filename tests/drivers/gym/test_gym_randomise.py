@@ -1,7 +1,8 @@
-"""Randomised sensors in the environments: reproducible from the reset seed, told in info."""
+"""Randomised sensors and scenes in environments: from the reset seed, told in info."""
 
 from __future__ import annotations
 
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -118,16 +119,102 @@ def test_in_processes_of_their_own_they_draw_the_same() -> None:
 def test_a_file_of_ranges(tmp_path: Path) -> None:
     lines = [f'{key} = "{text}"' for key, text in RANGES.items()]
     file = tmp_path / "ranges.toml"
-    file.write_text("\n".join(["[randomise]", *lines, 'readout.row_ns = "choice(100, 200)"']))
-    sensor = make(randomise=str(file)).reset(seed=5)[1]["sensor"]
+    scene = ["[randomise.scene]", *(f'"{key}" = "{text}"' for key, text in SCENE.items())]
+    own = 'readout.row_ns = "choice(100, 200)"'
+    file.write_text("\n".join(["[randomise]", *lines, own, *scene]))
+    info = make(randomise=str(file)).reset(seed=5)[1]
+    sensor = info["sensor"]
+    assert info["scene"] == make(randomise={"scene": SCENE}).reset(seed=5)[1]["scene"]
     expected = make(randomise=RANGES).reset(seed=5)[1]["sensor"]
     assert {key: sensor[key] for key in RANGES} == expected
     assert sensor["readout.row_ns"] in (100, 200)
 
 
+SCENE = {
+    "light.*.brightness": "uniform(0.3, 1)",
+    "geom.*.rgb": "uniform(0.1, 1)",
+    "body.pole.mass": "uniform(0.5, 2) * nominal",
+    "camera.onboard.fovy": "uniform(60, 80)",
+    "joint.slider.qvel": "uniform(-1, 1)",
+}
+
+
+def test_a_scene_is_drawn_beside_the_sensor_and_told_in_info() -> None:
+    env = make(randomise={**RANGES, "scene": SCENE})
+    first, _ = rollout(env, 5)
+    scene = env.drawn_scene.values
+    assert env.reset(seed=5)[1]["scene"] == scene
+    assert scene["body.pole.mass"] == env.loop.world.model.body("pole").mass[0]
+    # it changes neither the sensor nor, in its names, the start
+    plain = make(randomise=RANGES)
+    assert plain.reset(seed=5)[1]["sensor"] == env.reset(seed=5)[1]["sensor"]
+    assert plain.loop.world.data.joint("hinge").qpos == env.loop.world.data.joint("hinge").qpos
+    assert not same(rollout(plain, 5)[0], first)
+    # as keys of one table, as a file has them
+    flat = make(randomise={**RANGES, **{f"scene.{key}": text for key, text in SCENE.items()}})
+    assert same(rollout(flat, 5)[0], first)
+    assert flat.drawn_scene.values == scene
+    second = env.reset()[1]["scene"]
+    assert all(second[key] != value for key, value in scene.items())
+
+
+def test_the_values_of_a_scene_give_the_episode_again() -> None:
+    ranged = make(randomise={"scene": SCENE})
+    expected, _ = rollout(ranged, 8)
+    noise = ranged.loop.world.seed
+    fixed = make()
+    fixed.reset(seed=8)
+    start = fixed.loop.world.data.qpos.copy()
+
+    def begin(data: Any) -> None:
+        data.qpos[:] = start
+
+    fixed.loop.reset(noise, start=begin, scene=ranged.drawn_scene.values)
+    found = []
+    for step in range(15):
+        seen = fixed.loop.step(fixed._task.control(np.array([np.sin(step)], np.float32)), 10)
+        found.append(sum(len(packet.events) for packet in seen.packets))
+    ranged.reset(seed=8)
+    told = [ranged.step(np.array([np.sin(step)], np.float32))[4]["events"] for step in range(15)]
+    assert found == told
+    assert sum(told) > 100
+    # and a copy goes on with them
+    twin = deepcopy(ranged)
+    assert twin.drawn_scene == ranged.drawn_scene
+    assert twin.loop.world.scene_values == ranged.drawn_scene.values
+    ends = [one.step(np.array([0.3], np.float32))[0] for one in (ranged, twin)]
+    assert np.array_equal(*ends)
+    assert len(expected) == 16
+
+
+def test_many_worlds_draw_what_single_environments_draw() -> None:
+    options = {**OPTIONS, "randomise": {**RANGES, "scene": SCENE}, "max_s": 0.05}
+    many = gymnasium.make_vec("evs/CartPole-v0", 3, **options)
+    sync = gymnasium.make_vec("evs/CartPole-v0", 3, vectorization_mode="sync", **options)
+    random = np.random.default_rng(2)
+    for env in (many, sync):
+        env.reset(seed=4)
+    masses = set()
+    # episodes of 5 steps begin again, one after another
+    for _ in range(13):
+        actions = random.uniform(-1, 1, (3, 1)).astype(np.float32)
+        (seen, *rest, info), (expected, *others, told) = (env.step(actions) for env in (many, sync))
+        assert np.array_equal(seen, expected)
+        assert all(np.array_equal(a, b) for a, b in zip(rest, others, strict=True))
+        for name, values in told["scene"].items():
+            assert np.array_equal(info["scene"][name], values), name
+        masses |= set(info["scene"]["body.pole.mass"].tolist())
+    assert len(masses) == 9
+    many.close()
+    sync.close()
+
+
 @pytest.mark.parametrize(
     ("randomise", "says"),
     [
+        ({"scene": {"body.pol.mass": "uniform(1, 2)"}}, "randomise.scene.body.pol.mass: no body"),
+        ({"scene.body.pole.mass": "uniform(0, 2)"}, "0 is outside 1e-12"),
+        ({"scene": ["pole"]}, "randomise.scene is"),
         ({"pos_thrs": "uniform(1, 2)"}, "at randomise.pos_thrs: no numeric key of"),
         ({"height": "uniform(10, 20)"}, "one size in all episodes"),
         (["pos_thres"], "randomise is \\['pos_thres'\\]; give"),

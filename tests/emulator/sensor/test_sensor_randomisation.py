@@ -153,6 +153,21 @@ def test_factors_multiply_the_nominal_value_or_another_key() -> None:
         assert alone.draw(1, episode).values["pos_thres"] == pair["pos_thres"]
 
 
+def test_summands_are_added_to_the_nominal_value_or_another_key() -> None:
+    own = replace(SensorConfig("davis346"), pos_thres=0.2)
+    near = draws("uniform(-0.05, 0.05) + nominal", "pos_thres", own)
+    assert 0.15 <= near.min() < 0.151 < 0.249 < near.max() <= 0.25
+    ranges = SensorRanges(
+        {"neg_thres": "choice(0.1) + pos_thres", "pos_thres": "uniform(0.15, 0.35)"}
+    )
+    for episode in range(20):
+        values = ranges.draw(1, episode).values
+        assert values["neg_thres"] == pytest.approx(values["pos_thres"] + 0.1, rel=1e-5)
+    # a whole key stays whole, and a sum may be 0 or less where the key may
+    whole = SensorRanges({"biases.bias_diff_on": "uniform(-20, -10) + nominal"}, "imx636")
+    assert isinstance(whole.draw(1).values["biases.bias_diff_on"], int)
+
+
 def test_biases_of_the_chip_are_drawn_too() -> None:
     ranges = SensorRanges({"biases.bias_diff_on": "uniform(-20, 20)"}, "imx636")
     drawn = ranges.draw(1)
@@ -214,6 +229,8 @@ def test_every_numeric_key_may_have_a_range() -> None:
         ("readout.scan_us", "uniform(1.5, 2)", "its values are whole numbers"),
         ("pos_thres", "uniform(1, 2) * neg_thrs", "no factor 'neg_thrs'; nearest known: neg_thres"),
         ("pos_thres", "uniform(1, 2) * pos_thres", "no factor 'pos_thres'"),
+        ("pos_thres", "uniform(0, 1) + neg_thrs", "no summand 'neg_thrs'; nearest known: neg_thr"),
+        ("pos_thres", "uniform(-1, 0) + nominal", "is outside 0.001 ... 20"),
         ("pos_thres", "uniform(1, 2) * follower_hz", "a factor must be over 0"),
         ("aps.bits", "choice(8, 12)", "at randomise (aps.bits): sensor.aps.bits is 12"),
     ],

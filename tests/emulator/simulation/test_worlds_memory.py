@@ -51,7 +51,9 @@ def live(worlds: Worlds, rounds: int) -> int:
         (seen,) = worlds.step(controls, ticks=TICKS)
         events += len(seen.events)
         if number % 20 == 0:
-            worlds.reset(number, [number % COUNT])
+            # another scene too, in a model of its own
+            scene = {"geom.rod.rgb.r": number % 7 / 10, "body.arm.mass": 1.0 + number % 5}
+            worlds.reset(number, [number % COUNT], scene=scene)
         if number % 50 == 0:
             blobs = worlds.save()
             worlds.restore(blobs[::-1])

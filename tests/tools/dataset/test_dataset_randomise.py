@@ -189,6 +189,61 @@ def test_a_file_of_ranges_and_the_command_line_over_it(ball: str, tmp_path: Path
         assert set(sequence.sensor_values) == {"pos_thres", "readout.row_ns", "dark_lux"}
 
 
+SCENE = {
+    "light.*.brightness": "uniform(0.3, 1)",
+    "geom.ball.rgb": "uniform(0.2, 1)",
+    "camera.eye.fovy": "uniform(40, 60)",
+    "joint.0.vel.z": "uniform(0, 2)",
+}
+
+
+def test_scenes_are_drawn_recorded_and_shown(
+    ball: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ranges = [(f"randomise.scene.{key}", text) for key, text in SCENE.items()]
+    own = of_file(ball, "ball", [*SMALL, ("episodes", "2"), *ranges])
+    folder = tmp_path / "a"
+    assert make_dataset(folder, {"ball": own}, shard_s=0.04).whole
+    manifest = json.loads((folder / "manifest.json").read_text())["scenes"]
+    drawn = [one.values for one in own.draw_scenes("ball") if one]
+    found = [sequence.scene_values for sequence in Dataset(folder)]
+    assert found == drawn
+    assert len({one["camera.eye.fovy"] for one in found}) == 2
+    for sequence in Dataset(folder):
+        described = manifest[sequence.name]
+        assert described["randomised"]["scene"] == sequence.scene_values
+        assert described["config"]["randomise"] == {f"scene.{key}": SCENE[key] for key in SCENE}
+        stream = stream_of(folder / sequence.name / "events.aedat4")
+        # the lens of this sequence, in the header and in the manifest
+        assert stream.camera_info["k"] == described["camera_info"]["k"]
+        focal = stream.camera_info["k"][0]
+        fovy = np.deg2rad(sequence.scene_values["camera.eye.fovy"])
+        assert focal == pytest.approx(15 / np.tan(fovy / 2), rel=1e-6)
+        # configuration and values give the events again
+        plain = dict(stream.config)
+        del plain["randomised"]
+        plain["scene"]["file"] = ball
+        config: RunConfig = settings.build(RunConfig, plain)
+        world = World.from_config(config)
+        world.reset(scene=sequence.scene_values)
+        events = np.concatenate([p.events for packets in world.run(0.07) for p in packets])
+        assert np.array_equal(events[events["t"] > 10_000], sequence.events(0, 10**9).array)
+        assert len(events) > 50
+        assert sequence.sensor_values == {}
+        # the frames show them too
+        world, view = World.with_view(replace(config, render=replace(config.render, spp=4)), True)
+        world.reset(scene=sequence.scene_values)
+        for _ in range(10):
+            world.step()
+        rgb = np.asarray(view.render()[1]).astype(np.float16)
+        assert np.array_equal(sequence.frame(0)["rgb"], rgb)
+    assert main(["dataset", str(folder), "--describe"]) == 0
+    told = capsys.readouterr().out
+    assert all(words_of(values) in told for values in found)
+    assert main(["info", str(folder / "ball-0001/events.aedat4")]) == 0
+    assert f"light.0.brightness {found[1]['light.0.brightness']}" in capsys.readouterr().out
+
+
 @pytest.mark.slow
 def test_two_workers_draw_the_same(made: Path, ball: str, tmp_path: Path) -> None:
     assert make_dataset(tmp_path / "a", {"ball": scene(ball)}, shard_s=0.04, workers=2).whole
@@ -202,6 +257,7 @@ def test_two_workers_draw_the_same(made: Path, ball: str, tmp_path: Path) -> Non
         (["randomise.pos_thres=0.3"], "at randomise.pos_thres: '0.3' is no distribution"),
         (["randomise=uniform(1, 2)"], "at randomise: is a table; set one of its keys"),
         (["randomise.height=uniform(1, 2)"], "one size in all episodes; set sensor.height"),
+        (["randomise.scene.geom.bal.rgb=uniform(0, 1)"], "scene.geom.bal.rgb: no geom 'bal'"),
         (["--episodes", "0"], "at episodes: 0; give 1 ... 10000"),
         (["--randomise", "no.toml"], "no file 'no.toml'"),
     ],

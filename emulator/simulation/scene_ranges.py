@@ -1,0 +1,121 @@
+"""Randomised scenes: other lights, colours, cameras, masses and starts in every episode.
+
+A range, as of sensor/ranges.py, belongs to a key of the scene, as of world/scene_keys.py:
+
+    "light.*.brightness" = "uniform(0.3, 1)"       each light draws for itself
+    "geom.floor.rgb" = "uniform(0, 1)"             and so does each of several numbers
+    "body.pole.mass" = "uniform(0.5, 2) * nominal"
+    "camera.left.pos" = "normal(0, 0.01) + nominal"
+    "joint.hinge.qpos" = "uniform(-0.1, 0.1)"      where it starts
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from evs.emulator.sensor.ranges import (
+    Key,
+    Range,
+    Ranges,
+    bound_ranges,
+    draw_values,
+    refers_to,
+)
+from evs.emulator.world import Scene, SceneKey, SceneValues, every_key, find_keys, load_model
+from evs.msgs import EvsError
+
+
+@dataclass(frozen=True)
+class DrawnScene:
+    """What the scene of one episode has instead of the model's own values."""
+
+    values: dict[str, float]
+    """key of a single number -> the value that was drawn"""
+    seed: int
+    episode: int
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """Where it comes from and what was drawn, for headers and reports."""
+        return {"seed": self.seed, "episode": self.episode, "values": dict(self.values)}
+
+
+class SceneRanges:
+    """Ranges of a scene's values, checked; `draw` gives the values of an episode.
+
+        ranges = SceneRanges({"body.pole.mass": "uniform(0.5, 2) * nominal"}, "robot.xml")
+        world = evs.World("robot.xml")
+        world.reset(seed=1, scene=ranges.draw(seed=1, episode=0).values)
+
+    Equal arguments give equal values, in any process and on any machine.
+    """
+
+    def __init__(self, ranges: Ranges, scene: Scene) -> None:
+        """Check the ranges.
+
+        Args:
+            ranges: Key -> its range, as described above.
+            scene: As of World. A MjModel is only read; what is nominal is what it has now.
+
+        Raises:
+            EvsError: No such object, attribute or distribution, a range outside the key's own, two
+                ranges for one number, or values that make no model.
+        """
+        if not isinstance(ranges, Mapping):
+            raise EvsError(
+                f"randomise.scene is {ranges!r}; give {{'body.pole.mass': 'uniform(0.5, 2)', ...}}"
+            )
+        self.ranges = dict(ranges)
+        """key -> its text, as given"""
+        model = load_model(scene)
+        keys: dict[str, SceneKey] = {}
+        written: dict[str, str] = {}
+        for text in self.ranges:
+            try:
+                found = find_keys(model, text)
+            except EvsError as error:
+                raise EvsError(f"at randomise.scene.{text}: {error}") from None
+            for key in found:
+                if key.name in keys:
+                    raise EvsError(
+                        f"at randomise.scene.{text}: {key.name} has a range already, that of "
+                        f"{written[key.name]}; give it one"
+                    )
+                keys[key.name], written[key.name] = key, text
+        refer = {name for text in self.ranges.values() if (name := refers_to(text))}
+        every = every_key(model) if refer else keys
+        known = {
+            name: Key(name, bool(words := key.words(model)), key.attribute.within, words)
+            for name, key in every.items()
+        }
+        parsed = {}
+        for name, text in written.items():
+            where = f"randomise.scene.{text}" + (f" ({name})" if name != text else "")
+            parsed[name] = Range.parse(known[name], self.ranges[text], known, where)
+        nominal = {name: every[name].read(model) for name in (*keys, *refer) if name in every}
+        self._parts = bound_ranges(parsed, nominal)
+        self._check_models(SceneValues(model))
+
+    def draw(self, seed: int, episode: int = 0) -> DrawnScene:
+        """Draw the values of an episode.
+
+        Args:
+            seed: Any whole number; it counts modulo 2^64.
+            episode: Number of the episode, 0 ... 2^63 - 1.
+
+        Raises:
+            EvsError: Seed or episode is no such number.
+        """
+        values = draw_values(self._parts, seed, episode)
+        return DrawnScene(dict(values), int(seed), int(episode))
+
+    def _check_models(self, scene: SceneValues) -> None:
+        """Make the models where all values are lowest, and where all are highest."""
+        for at in (0, -1):
+            values = {part.key.name: part.ends[at] for part in self._parts}
+            try:
+                scene.put(values)
+            except EvsError as error:
+                raise EvsError(f"at randomise.scene ({', '.join(self.ranges)}): {error}") from None

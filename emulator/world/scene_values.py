@@ -1,0 +1,170 @@
+"""SceneValues: other values in a model that is there, and the model's own again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from evs.emulator.config.plain_values import plain_number
+from evs.emulator.world.model import one_line
+from evs.emulator.world.scene_keys import (
+    ATTRIBUTES,
+    Attribute,
+    Edits,
+    Parts,
+    SceneKey,
+    every_key,
+    find_keys,
+    order_of,
+)
+from evs.msgs import EvsError
+
+STATISTICS = ("extent", "meansize", "meanmass", "center")
+"""Statistics of a model that stay: the view of a free camera and the fog follow from them."""
+
+
+class SceneValues:
+    """Puts values by key into a model: those of one episode, instead of those of the last.
+
+        scene = evs.SceneValues(model)
+        scene.put({"body.pole.mass": 0.3, "light.lamp.brightness": 0.6, "joint.hinge.qpos": 0.1})
+        mujoco.mj_resetData(model, data)
+        scene.start(data)
+
+    The rest of the model stays as it is, edits of its user too.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Nothing is changed yet.
+
+        Args:
+            model: Whose arrays `put` changes.
+        """
+        self._model = model
+        self._keys: dict[str, SceneKey] = {}
+        self._edits = Edits(model)
+        self._inertia_is_given: bool | None = None
+        self._scratch: mujoco.MjData | None = None
+        self.values: dict[str, float] = {}
+        """key -> the value that was put in last, in the order of the keys"""
+
+    def copy_for(self, model: mujoco.MjModel) -> SceneValues:
+        """The same, of a copy of the model."""
+        other = SceneValues(model)
+        other._keys, other.values = self._keys, dict(self.values)
+        other._edits = self._edits.copy_for(model)
+        other._inertia_is_given = self._inertia_is_given
+        return other
+
+    def put(self, values: Mapping[str, float]) -> None:
+        """Change the model to these values; whatever has none is as it was before the first call.
+
+        Constants that follow from masses and places are computed again (mj_setConst).
+
+        Args:
+            values: Key -> value, as of DrawnScene.values; {}: the model's own.
+
+        Raises:
+            EvsError: No such key, or a value that makes no model; nothing has changed.
+        """
+        checked, before = self.check(values), self.values
+        if checked == before:
+            return
+        try:
+            self._put(checked)
+        except mujoco.FatalError as reason:
+            self._put(before)
+            raise EvsError(f"these values make no model: {one_line(reason)}") from None
+
+    def check(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The values as plain numbers, in the order of the keys.
+
+        Raises:
+            EvsError: No such key, or a value outside its range.
+        """
+        if not isinstance(values, Mapping):
+            raise EvsError(f"scene is {values!r}; give {{'body.pole.mass': 0.3, ...}}")
+        found = {}
+        for name, value in values.items():
+            key = self._key(name)
+            number = plain_number(value, f"scene.{name}")
+            low, high = key.attribute.within
+            if not low <= number <= high:
+                raise EvsError(f"scene.{name} is {number:g}; give {low:g} ... {high:g}")
+            words = key.words(self._model)
+            if words is not None and number not in words.values():
+                known = ", ".join(f"{one} ({word})" for word, one in words.items())
+                raise EvsError(f"scene.{name} is {number:g}; give one of {known}")
+            found[name] = number
+        return dict(sorted(found.items()))
+
+    def start(self, data: mujoco.MjData) -> None:
+        """Put a state where the episode begins, after a reset: positions and velocities of joints.
+
+        Args:
+            data: Of the model; what follows from positions is not computed.
+        """
+        for attribute, index, parts in self._grouped(self.values):
+            if attribute.begin is not None:
+                attribute.begin(self._model, data, index, parts)
+
+    def _key(self, name: str) -> SceneKey:
+        if not self._keys:
+            self._keys = every_key(self._model)
+        if name not in self._keys:
+            try:
+                found = find_keys(self._model, name)
+            except EvsError as error:
+                raise EvsError(f"scene.{name}: {error}") from None
+            raise EvsError(f"scene.{name} is no single number; give {found[0].name}")
+        return self._keys[name]
+
+    def _grouped(self, values: Mapping[str, float]) -> list[tuple[Attribute, int, Parts]]:
+        """Attribute, id and numbers of what has values, in the order of the table."""
+        groups: dict[tuple[int, int], Parts] = {}
+        for name, value in values.items():
+            key = self._key(name)
+            groups.setdefault((order_of(key.attribute), key.index), {})[key.part] = value
+        return [
+            (ATTRIBUTES[place], index, parts) for (place, index), parts in sorted(groups.items())
+        ]
+
+    def _put(self, values: Mapping[str, float]) -> None:
+        derives = any(self._key(name).attribute.derives for name in (*self.values, *values))
+        if derives and self._inertia_is_given is None:
+            self._inertia_is_given = self._is_inertia_given()
+        self._edits.undo()
+        for attribute, index, parts in self._grouped(values):
+            if attribute.put is not None:
+                # numbers without a value stay
+                numbers = np.array(attribute.read(self._model, index), np.float64)
+                numbers[[*parts]] = [*parts.values()]
+                attribute.put(self._edits, index, numbers)
+        if derives:
+            self._derive()
+        self.values = dict(values)
+
+    def _derive(self) -> None:
+        """Compute the constants again that follow from masses and places."""
+        if self._scratch is None:
+            self._scratch = mujoco.MjData(self._model)
+        stat = self._model.stat
+        kept = {name: np.array(getattr(stat, name)) for name in STATISTICS}
+        if self._inertia_is_given:
+            kept["meaninertia"] = np.array(stat.meaninertia)
+        mujoco.mj_setConst(self._model, self._scratch)
+        for name, value in kept.items():
+            if value.ndim:
+                getattr(stat, name)[:] = value
+            else:
+                setattr(stat, name, float(value))
+
+    def _is_inertia_given(self) -> bool:
+        """Whether the model's author gave its mean inertia, which then does not follow."""
+        before = float(self._model.stat.meaninertia)
+        self._derive()
+        found, self._model.stat.meaninertia = float(self._model.stat.meaninertia), before
+        return not math.isclose(found, before, rel_tol=1e-9)
