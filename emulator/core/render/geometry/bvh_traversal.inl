@@ -62,8 +62,8 @@ constexpr int MAX_STACK = 96;  // the builder keeps every BVH shallower than thi
 
 // Find the nearest front face with t_min < t < t_max. Out: the lanes that hit; t_max, triangle, u
 // and v of those lanes.
-EVS_OUTLINE inline Mask intersect_mesh(const Mesh& mesh, const MeshRays& r, Float t_min,
-                                       Float& t_max, Int& triangle, Float& u, Float& v) {
+EVS_OUTLINE_IN_PATHS inline Mask intersect_mesh(const Mesh& mesh, const MeshRays& r, Float t_min,
+                                                Float& t_max, Int& triangle, Float& u, Float& v) {
   Mask any_hit = mask_from_bits(0);
   if (mesh.node_count == 0) return any_hit;
   int stack[MAX_STACK], top = 0;
@@ -111,8 +111,8 @@ EVS_OUTLINE inline Mask intersect_mesh(const Mesh& mesh, const MeshRays& r, Floa
 }
 
 // Find the lanes of `active` that hit any face, front or back, before `t_max`.
-EVS_OUTLINE inline Mask occluded_mesh(const Mesh& mesh, const MeshRays& r, Float t_max,
-                                      Mask active) {
+EVS_OUTLINE_IN_PATHS inline Mask occluded_mesh(const Mesh& mesh, const MeshRays& r, Float t_max,
+                                               Mask active) {
   Mask blocked = mask_from_bits(0);
   if (mesh.node_count == 0) return blocked;
   int stack[MAX_STACK], top = 0;

@@ -57,8 +57,8 @@ EVS_INLINE void intersect_geom(const Frame& f, int index, const Rays& rays, Floa
 
 // Find the nearest hit of the rays of `active` behind `t_min`. Geoms are intersected in ascending
 // order, so the first of several hits at one distance is found.
-EVS_OUTLINE inline Hit intersect(const Frame& f, const Rays& rays, const RayCone& cone, Mask active,
-                                 Float t_min) {
+EVS_OUTLINE_IN_PATHS inline Hit intersect(const Frame& f, const Rays& rays, const RayCone& cone,
+                                          Mask active, Float t_min) {
   Hit hit = {select(active, splat(T_INFINITY), splat(-1.0f)), splat(-1), splat(0), splat(0.0f),
              splat(0.0f)};
   bool wide = is_wide(cone);
@@ -118,8 +118,8 @@ template <bool BY_OPAQUE>
 // `non_occluders`: geoms of the first 32 that are known not to occlude, one bit each. BY_OPAQUE: by
 // opaque geoms alone.
 template <bool BY_OPAQUE = false>
-EVS_OUTLINE Mask occluded(const Frame& f, Vec origin, Vec direction, Float t_max, Int self,
-                          const RayCone& cone, Mask active, unsigned non_occluders) {
+EVS_OUTLINE_IN_PATHS Mask occluded(const Frame& f, Vec origin, Vec direction, Float t_max, Int self,
+                                   const RayCone& cone, Mask active, unsigned non_occluders) {
   Mask blocked = mask_from_bits(0);
   Rays rays = {origin, direction, false};
   bool wide = is_wide(cone);

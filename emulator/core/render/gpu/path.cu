@@ -1,6 +1,7 @@
 // The `path` integrator: a sample a thread, 8 x 4 pixels a warp. A second kernel adds up the samples
 // of a pixel, in the order of the CPU.
 #define EVS_BATCH_ROOM 1
+#define EVS_OUTLINE_IN_PATHS __noinline__
 #include "prelude.h"
 
 #include "integrators/wavefront.inl"

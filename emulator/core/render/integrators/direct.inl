@@ -121,9 +121,9 @@ void add_lights(const Frame& f, const Rays& rays, const Hit& hit,
 
 // Compute the radiance that leaves the surface. In: where to cache the shading, or null.
 template <int CHANNELS>
-EVS_OUTLINE void shade_direct(const Frame& f, const Rays& rays, const Hit& hit,
-                              const SurfaceInteraction<CHANNELS>& interaction, LazyBounds& bounds,
-                              Mask lit, const CachedShading* shading, Float* out) {
+void shade_direct(const Frame& f, const Rays& rays, const Hit& hit,
+                  const SurfaceInteraction<CHANNELS>& interaction, LazyBounds& bounds, Mask lit,
+                  const CachedShading* shading, Float* out) {
   for (int c = 0; c < CHANNELS; c++) out[c] = interaction.emitted[c];
   // cache the light of the first lights, then add the others
   int first = 0;
@@ -162,10 +162,9 @@ void radiance(const Shading& shading, const Frame& f, const Rays& rays, const Ra
 // Add the mirror image seen in the lanes `mirror`, times the reflectance. `box`: bounds of the
 // mirrors' points. `empty`: the image is known to be empty.
 template <int CHANNELS, class Shading>
-EVS_OUTLINE void reflect(const Shading& shading, const Frame& f, const Rays& rays,
-                         const SurfaceInteraction<CHANNELS>& interaction, const BoundingBox& box,
-                         Mask mirror, bool empty, Float path_length, RayRecorder* recorder,
-                         Float* surface) {
+void reflect(const Shading& shading, const Frame& f, const Rays& rays,
+             const SurfaceInteraction<CHANNELS>& interaction, const BoundingBox& box, Mask mirror,
+             bool empty, Float path_length, RayRecorder* recorder, Float* surface) {
   // reflect the rays and bound them by a cone
   Vec d = rays.direction;
   Vec bounced = d - interaction.normal * (dot(d, interaction.normal) * 2.0f);

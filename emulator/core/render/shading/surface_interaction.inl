@@ -411,9 +411,8 @@ void interact_with_geom(const Frame& f, const Rays& rays, const Hit& hit, Float 
 // Evaluate the interactions of the hits of `lanes`; other lanes are undefined. `path_length`:
 // distance from the camera to the rays' origin.
 template <int CHANNELS>
-EVS_OUTLINE SurfaceInteraction<CHANNELS> surface_interaction(const Frame& f, const Rays& rays,
-                                                             const Hit& hit, unsigned lanes,
-                                                             Float path_length) {
+EVS_OUTLINE_IN_PATHS SurfaceInteraction<CHANNELS> surface_interaction(
+    const Frame& f, const Rays& rays, const Hit& hit, unsigned lanes, Float path_length) {
   SurfaceInteraction<CHANNELS> out;
   out.point = rays.origin + rays.direction * hit.distance;
   Float footprint_width =

@@ -101,8 +101,9 @@ EVS_INLINE void read_lod(const Texture& t, int channels, const Lod& lod, Float u
 }
 
 // Trilinear lookup on `lanes`. `footprint` is the sample's width in image lengths.
-EVS_OUTLINE inline void sample_texture(const Texture& t, int channels, Float u, Float v, Int face,
-                                       Float footprint, unsigned lanes, Float* out) {
+EVS_OUTLINE_IN_PATHS inline void sample_texture(const Texture& t, int channels, Float u, Float v,
+                                                Int face, Float footprint, unsigned lanes,
+                                                Float* out) {
   read_lod(t, channels, lod_of(t, footprint, lanes), u, v, face, out);
 }
 
