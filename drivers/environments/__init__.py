@@ -1,7 +1,8 @@
-"""Events from environments of other libraries: Gymnasium, robosuite, Metaworld, dm_control."""
+"""What learners take: environments, events from those of other libraries, and simulated samples."""
 
 from evs.drivers.environments.event_env import EventEnv
+from evs.drivers.environments.simulated_dataset import EpochSampler, SimulatedDataset
 from evs.drivers.environments.vector import make_vec
 from evs.drivers.environments.wrapping import wrap
 
-__all__ = ["EventEnv", "make_vec", "wrap"]
+__all__ = ["EpochSampler", "EventEnv", "SimulatedDataset", "make_vec", "wrap"]

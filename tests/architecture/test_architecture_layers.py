@@ -41,7 +41,7 @@ DOORS = {
     "onnxruntime": ("emulator/evsnet/session.py",),
     "gymnasium": ("drivers/gym/",),
     "stable_baselines3": ("drivers/gym/stable_baselines.py",),
-    "ray": ("tools/jobs/ray_cluster.py",),
+    "ray": ("tools/jobs/ray_cluster.py", "tools/jobs/ray_batches.py"),
     "argcomplete": ("launch/support/completion.py",),
     "pytest": ("tools/testing/plugin.py",),
 }

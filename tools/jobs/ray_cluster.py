@@ -1,4 +1,4 @@
-"""Run jobs on an existing Ray cluster. The only module that imports Ray."""
+"""Run jobs on an existing Ray cluster."""
 
 from __future__ import annotations
 

@@ -19,6 +19,7 @@ import evs
 from evs.launch.main import main
 from evs.tools.jobs import run_jobs
 from links.nodes import Nodes, nodes
+from reference.worlds_alone import SWING
 from speed import jobs
 
 pytest.importorskip("ray")
@@ -48,6 +49,56 @@ with stop_signals() as stopped:
         print("refused", error)
     else:
         print(json.dumps([ran.made, ran.kept, ran.left, list(ran.lost)]))
+"""
+
+SIMULATE = """
+import hashlib, os, pickle, signal, sys
+from pathlib import Path
+import numpy as np
+import evs
+from evs.tools.jobs import cluster_batches
+
+scene, mark, address = sys.argv[1:]
+
+def start(random, data):
+    data.qpos[0] = random.uniform(-1, 1)
+    if mark and not Path(mark).exists():
+        Path(mark).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+
+def digest(samples):
+    assert all(one["events"].flags.writeable for one in samples)
+    made = hashlib.sha256()
+    for one in samples:
+        made.update(one["events"].tobytes() + one["depth"].tobytes())
+    return made.hexdigest()
+
+dataset = evs.SimulatedDataset(
+    scene, "left", samples=60, start=start, truth=["depth"], ticks=5,
+    sensor=evs.SensorConfig("dvs128", width=24, height=16), limits={"angle": (-9, 9)},
+)
+order = [*dataset.sampler()]
+taken = 0
+
+def batches(count):
+    global taken
+    for taken in range(1, count + 1):
+        yield order[4 * taken - 4 : 4 * taken]
+
+try:
+    if address:
+        lost = lambda line: print("lost", line)
+        found = cluster_batches(dataset, batches(15), address, on_lost=lost)
+        print(digest(next(found)))
+        # a place for each core, two more, and that which was taken
+        print(taken, flush=True)
+        for samples in found:
+            print(digest(samples), flush=True)
+    else:
+        for indices in batches(15):
+            print(digest(dataset.__getitems__(indices)), flush=True)
+except evs.EvsError as error:
+    print("refused", error)
 """
 
 
@@ -156,6 +207,50 @@ def test_training_data_is_the_same_on_a_cluster(cluster: Nodes, tmp_path: Path) 
     assert main(["train", "data", str(here), "--quiet", *words]) == 0
     assert digests(far) == digests(here)
     assert len(digests(far)) == 4
+
+
+def simulated(cluster: Nodes, *words: str | Path, source: str = SIMULATE) -> list[str]:
+    """What a program prints; a process of its own, as Ray never lets go."""
+    program = subprocess.Popen(
+        [sys.executable, "-W", "error", "-c", source, *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=cluster.environment(),
+    )
+    return said(program)
+
+
+def test_batches_of_a_data_set_are_the_same_on_a_cluster(cluster: Nodes, tmp_path: Path) -> None:
+    scene = tmp_path / "swing.xml"
+    scene.write_text(SWING)
+    here = simulated(cluster, scene, "", "")
+    assert len({*here}) == 15
+    first, taken, *rest = simulated(cluster, scene, "", cluster.address)
+    assert [first, *rest] == here
+    # no more than are wanted soon
+    assert int(taken) == 4
+    # a worker is killed in its first batch
+    lines = simulated(cluster, scene, tmp_path / "mark", cluster.address)
+    lost = [line for line in lines if line.startswith("lost")]
+    assert lost
+    assert all(
+        re.fullmatch(r"lost a batch's node or worker died \(\w+\); it is fetched again", line)
+        for line in lost
+    )
+    assert [line for line in lines if len(line) == 64] == here
+
+
+def test_the_program_of_the_page_runs(cluster: Nodes, tmp_path: Path) -> None:
+    page = (Path(__file__).parents[3] / "docs/howto/clusters.md").read_text()
+    _, program = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    scene = tmp_path / "robot.xml"
+    scene.write_text(SWING)
+    for written, run in (("robot.xml", str(scene)), ("10_000", "18"), ("auto", cluster.address)):
+        assert written in program
+        program = program.replace(written, run)
+    printed = simulated(cluster, source=program)
+    assert printed == ["16 (5, 260, 346)", "2 (5, 260, 346)"]
 
 
 def test_nodes_that_are_not_like_this_machine_are_refused(cluster: Nodes, tmp_path: Path) -> None:

@@ -1,0 +1,495 @@
+"""SimulatedDataset: samples that are simulated when a data loader asks for them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import fields
+from multiprocessing import parent_process
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evs.drivers.run.paths import in_package
+from evs.drivers.run.sensor_ranges import read_ranges
+from evs.emulator import Worlds
+from evs.emulator.base.scene import GroundTruth
+from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
+from evs.emulator.config.plain_values import plain_integer
+from evs.emulator.sensor.randomisation import SensorRanges
+from evs.emulator.simulation.initial_states import Start, begin, check_start
+from evs.emulator.simulation.stacked_arrays import StackedArrays
+from evs.emulator.world import ControlFunction, MjData, Scene, load_model
+from evs.msgs import EvsError, unknown
+
+Sample = dict[str, Any]
+
+Place = tuple[int, int]
+"""epoch, and index in it"""
+
+IMAGES = ("luminance", *(one.name for one in fields(GroundTruth) if one.name != "t_us"))
+"""ground truth of a camera"""
+
+STATES = ("qpos", "qvel", "ctrl")
+"""ground truth of a world"""
+
+RESERVED = (*STATES, "sensors", "sensor", "attempt")
+"""keys of a sample beside those of its cameras"""
+
+SEED_TERM = 161
+"""what these random numbers are for, beside the terms of sensor/randomisation.py"""
+
+MOST = 2**63 - 1
+"""samples, and epochs"""
+
+_WORD = (1 << 64) - 1
+
+_inherited: list[Any] = []
+"""worlds that a parent process made before it forked: their threads do not exist here, so they are
+never dropped"""
+
+
+class SimulatedDataset:
+    """Samples of events and ground truth, each an episode of its own; nothing is on disk.
+
+        dataset = evs.SimulatedDataset("robot.xml", "wrist", samples=10_000, truth=["depth"])
+        dataset[7]["events"]                        # (5, 260, 346) float32, a voxel grid
+        DataLoader(dataset, batch_size=16, num_workers=2)
+
+    It has a length and an index, so PyTorch's DataLoader takes it as it is, and a worker simulates
+    the samples of a batch side by side (evs.Worlds). A sample is a function of the arguments, the
+    epoch and its index alone: its bytes are the same in every process, order and batch. Samples
+    are independent draws, so shuffling changes nothing.
+
+    An index is a number, of the epoch of `set_epoch`, or a pair (epoch, number), as `sampler` gives
+    it. A sample is a dict of arrays:
+
+        events       (n,) EVENT_DTYPE, or an array as of StackedArrays
+        luminance, depth, ...     what `truth` names, at the end
+        qpos, qvel, ctrl          what `truth` names, at the end: float64
+        sensors      name of a <sensor> -> its readings at the end, float64
+        sensor       key of [sensor] -> what was drawn; with `randomise`
+        attempt      how often it was drawn again; with `attempts` over 1
+
+    With several cameras, `events` and the images of each are a dict under its name. Use it in one
+    thread at a time.
+    """
+
+    def __init__(
+        self,
+        scene: Scene | SceneConfig,
+        cameras: str | CameraConfig | Sequence[str | CameraConfig] = ("",),
+        *,
+        samples: int,
+        seed: int = 0,
+        representation: str | None = "voxel_grid",
+        bins: int = 5,
+        tau_us: float = 30_000.0,
+        capacity: int = 2048,
+        sensor: str | SensorConfig = "davis346",
+        render: RenderConfig | None = None,
+        model: ModelConfig | None = None,
+        ticks: int = 50,
+        sequence: int | None = None,
+        warm_up: int = 0,
+        tick_us: int = 1000,
+        control: str | ControlFunction = "random",
+        start: Start | None = None,
+        keyframe: str = "",
+        truth: Iterable[str] = (),
+        sensors: Iterable[str] = (),
+        randomise: Mapping[str, str] | str | Path | None = None,
+        limits: Mapping[str, tuple[float, float]] | None = None,
+        attempts: int = 1,
+        worlds: int = 16,
+        threads: int = 0,
+    ) -> None:
+        """Load the scene and check everything; the worlds are made with the first sample.
+
+        Args:
+            scene: As of Worlds, or `package:path`.
+            cameras: As of World.add_camera, one or several.
+            samples: How many an epoch has.
+            seed: What all samples follow from.
+            representation: event_frame | voxel_grid | time_surface | packet, as of StackedArrays;
+                None: the events themselves.
+            bins: Of a voxel grid.
+            tau_us: Time constant of a time surface, us.
+            capacity: Events of a packet.
+            sensor: As of World.add_camera, the same for all cameras.
+            render: As of World.add_camera.
+            model: As of World.add_camera.
+            ticks: Length of a sample.
+            sequence: Slices of `ticks` that follow each other in a sample: what changes gets a
+                first axis of this length; None: one slice, without that axis.
+            warm_up: Ticks before the sample, whose events are dropped.
+            tick_us: As of World.
+            control: As of World.
+            start: Where an episode begins: name of a joint -> range of its position; or
+                f(random, data).
+            keyframe: As of World.reset.
+            truth: Names of ground truth: luminance, or a field of GroundTruth, of each camera; and
+                qpos, qvel and ctrl.
+            sensors: Names of <sensor>s of the model.
+            randomise: Key of [sensor] -> its range, as of evs.SensorRanges, or a TOML file with a
+                table [randomise]: another sensor in every sample, the same for all cameras.
+            limits: Name of a <sensor> -> (low, high): a world ends where it is left.
+            attempts: How often a sample is drawn until its world does not end.
+            worlds: Samples that are simulated side by side at most.
+            threads: Of this process; 0: one a core, but one in the worker of a loader.
+
+        Raises:
+            EvsError: An argument is not possible; the message is one line.
+        """
+        self.seed, self.epoch = plain_integer(seed, "seed"), 0
+        self._length = _at_least(1, samples, "samples", MOST)
+        self._ticks, self._warm_up = _at_least(1, ticks, "ticks"), _at_least(0, warm_up, "warm_up")
+        self._sequence = None if sequence is None else _at_least(1, sequence, "sequence")
+        self._attempts = _at_least(1, attempts, "attempts")
+        self._most = _at_least(1, worlds, "worlds")
+        self.threads = _at_least(0, threads, "threads")
+        self._truth = _names(truth, "truth")
+        for name in self._truth:
+            if name not in (*IMAGES, *STATES):
+                raise unknown("truth", name, (*IMAGES, *STATES))
+        self._sensors, self._limits = _names(sensors, "sensors"), limits
+        if isinstance(randomise, str | Path):
+            randomise = read_ranges(in_package(str(randomise)))
+        self.ranges = SensorRanges(randomise, sensor) if randomise else None
+        """what the sensor of each sample is drawn from; None: it stays the same"""
+        if isinstance(scene, SceneConfig):
+            self._scene: Any = scene
+        else:
+            # loaded once, so that all processes have the same
+            self._scene = load_model(in_package(str(scene)) if _is_path(scene) else scene)
+        self._tick_us, self._control, self._keyframe = tick_us, control, keyframe
+        several = [cameras] if isinstance(cameras, str | CameraConfig) else [*cameras]
+        if not several:
+            raise EvsError('there is no camera: name one, or give "" for the first')
+        self._cameras: list[dict[str, Any]] = [
+            {"camera": one, "sensor": sensor, "render": render, "model": model} for one in several
+        ]
+        self._representation = representation
+        self._options: dict[str, Any] = {"bins": bins, "tau_us": tau_us, "capacity": capacity}
+        self._worlds: Worlds | None = None
+        self._arrays: list[StackedArrays] = []
+        self._pid = 0
+        trial = self._make(1, threads=1)
+        self._start = check_start(trial.model, start or {})
+        trial.reset(keyframe=keyframe)
+        self.infos = trial.infos
+        """what is constant of the cameras' streams"""
+        self.cameras = trial.cameras
+        """their names"""
+        self._make_arrays(1, threads=1)
+        if len(self.cameras) > 1 and (taken := [n for n in self.cameras if n in RESERVED]):
+            raise EvsError(f"a camera is called '{taken[0]}', as a key of a sample: rename it")
+
+    def __len__(self) -> int:
+        """How many samples an epoch has."""
+        return self._length
+
+    def __repr__(self) -> str:
+        return f"<evs.SimulatedDataset: {len(self)} of {', '.join(self.cameras)}>"
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The arguments: another process makes worlds of its own."""
+        return {**vars(self), "_worlds": None, "_arrays": []}
+
+    def set_epoch(self, epoch: int) -> None:
+        """Let numbers mean the samples of this epoch from now on, in this process.
+
+        Workers of a loader take it over when they start; those that stay (persistent_workers) need
+        `sampler`. EvsError where it is no such number.
+        """
+        self.epoch = _at_least(0, epoch, "epoch", MOST)
+
+    def sampler(self, *, rank: int = 0, num_replicas: int = 1) -> EpochSampler:
+        """What a loader's sampler= takes, to go through epochs and to resume in the middle of one.
+
+        Args:
+            rank: Of this process among those that train together.
+            num_replicas: How many these are; each has as many samples.
+
+        Raises:
+            EvsError: There is no such rank, or there are more processes than samples.
+        """
+        return EpochSampler(len(self), rank=rank, num_replicas=num_replicas)
+
+    def seed_of(self, index: int | Place, attempt: int = 0) -> int:
+        """The seed of a sample's world, as of evs.World; `start` draws from np.random.PCG64 of it.
+
+        Args:
+            index: As of `dataset[index]`.
+            attempt: Which of its draws.
+
+        Raises:
+            IndexError: There is no such sample.
+        """
+        epoch, number = self._place(index)
+        key = (self.seed & _WORD) | SEED_TERM << 64
+        counter = number << 64 | epoch << 128 | attempt << 192
+        return int(np.random.Philox(key=key, counter=counter).random_raw()) >> 1
+
+    def __getitem__(self, index: int | Place) -> Sample:
+        """Simulate one sample; as of __getitems__."""
+        return self.__getitems__([index])[0]
+
+    def __getitems__(self, indices: Iterable[int | Place]) -> list[Sample]:
+        """Simulate a batch, side by side: what a loader calls.
+
+        Args:
+            indices: Numbers, or pairs (epoch, number).
+
+        Returns:
+            The samples, in this order. Their arrays belong to the caller.
+
+        Raises:
+            IndexError: There is no such sample.
+            EvsError: A world ended, in each of `attempts` draws.
+        """
+        places = [self._place(one) for one in indices]
+        found: list[Sample] = []
+        try:
+            for first in range(0, len(places), self._most):
+                found += self._draw(places[first : first + self._most])
+        except BaseException:
+            # worlds that were left in the middle of a step are not used again
+            self._worlds, self._arrays = None, []
+            raise
+        return found
+
+    def _place(self, index: int | Place) -> Place:
+        if isinstance(index, tuple | list):
+            if len(index) != 2:
+                raise EvsError(f"the index is {index!r}: give a number, or (epoch, number)")
+            epoch = _at_least(0, index[0], "epoch", MOST)
+            number = plain_integer(index[1], "index")
+        else:
+            epoch, number = self.epoch, plain_integer(index, "index")
+        place = number + len(self) if number < 0 else number
+        if not 0 <= place < len(self):
+            raise IndexError(f"sample {number} of {len(self)}")
+        return epoch, place
+
+    def _make(self, count: int, threads: int) -> Worlds:
+        worlds = Worlds(
+            self._scene,
+            count,
+            tick_us=self._tick_us,
+            control=self._control,
+            threads=threads,
+            limits=self._limits,
+            sensors=self._sensors or None,
+        )
+        for camera in self._cameras:
+            worlds.add_camera(**camera)
+        return worlds
+
+    def _make_arrays(self, count: int, threads: int) -> list[StackedArrays]:
+        if self._representation is None:
+            return []
+        return [
+            StackedArrays(
+                self._representation,
+                count,
+                (one.width, one.height),
+                threads=threads,
+                **self._options,
+            )
+            for one in self.infos
+        ]
+
+    def _ready(self, count: int) -> Worlds:
+        """Worlds of this process, this many or more."""
+        here = os.getpid()
+        if self._worlds is not None and self._pid != here:
+            _inherited.append((self._worlds, self._arrays))
+            self._worlds, self._arrays = None, []
+        if self._worlds is None or len(self._worlds) < count:
+            # the old ones go before
+            self._worlds, self._arrays, self._pid = None, [], here
+            threads = self.threads or (1 if parent_process() else 0)
+            self._arrays = self._make_arrays(count, threads)
+            self._worlds = self._make(count, threads)
+        return self._worlds
+
+    def _draw(self, places: Sequence[Place]) -> list[Sample]:
+        """Samples that are simulated side by side."""
+        worlds = self._ready(len(places))
+        found: dict[int, Sample] = {}
+        for attempt in range(self._attempts):
+            left = {world: one for world, one in enumerate(places) if world not in found}
+            found |= self._simulate(worlds, left, attempt)
+            if len(found) == len(places):
+                return [found[world] for world in range(len(places))]
+        world = next(one for one in range(len(places)) if one not in found)
+        epoch, number = places[world]
+        mend = "narrow start and control" + (", or widen limits" if self._limits else "")
+        if self._attempts == 1:
+            mend += ", or give attempts=10, and it is drawn again"
+        when = f" in each of {self._attempts} attempts" if self._attempts > 1 else ""
+        raise EvsError(
+            f"the world of sample {number} of epoch {epoch} ended{when} ({worlds.ended[world]}): "
+            f"{mend}"
+        )
+
+    def _simulate(
+        self, worlds: Worlds, places: Mapping[int, Place], attempt: int
+    ) -> dict[int, Sample]:
+        """World -> its sample, where it did not end."""
+        chosen = [*places]
+        drawn = {world: self._reset(worlds, world, places[world], attempt) for world in chosen}
+        ticks = np.zeros(len(worlds), np.int64)
+        if self._warm_up:
+            ticks[chosen] = self._warm_up
+            worlds.step(ticks=ticks)
+        for arrays in self._arrays:
+            arrays.reset(chosen)
+        ticks[chosen] = self._ticks
+        slices: dict[int, list[Sample]] = {world: [] for world in chosen}
+        for _ in range(self._sequence or 1):
+            begin_us = worlds.t_us
+            seen: Sequence[Any] = worlds.step(ticks=ticks)
+            # an interval of worlds that stand still would be empty
+            end_us = np.maximum(worlds.t_us, begin_us + 1)
+            if self._arrays:
+                both = zip(self._arrays, seen, strict=True)
+                seen = [arrays.encode(one, begin_us, end_us).copy() for arrays, one in both]
+            for world in chosen:
+                if world not in worlds.ended:
+                    slices[world].append(self._slice(worlds, world, seen))
+        return {
+            world: (_stacked(slices[world]) if self._sequence else slices[world][0]) | drawn[world]
+            for world in chosen
+            if world not in worlds.ended
+        }
+
+    def _reset(self, worlds: Worlds, world: int, place: Place, attempt: int) -> Sample:
+        """Put a world where its sample begins; what the sample has of its draw."""
+        seed = self.seed_of(place, attempt)
+        random = np.random.Generator(np.random.PCG64(seed))
+        drawn = self.ranges.draw(seed) if self.ranges else None
+
+        def put(_: int, data: MjData) -> None:
+            begin(self._start, random, data)
+
+        worlds.reset(
+            [seed],
+            [world],
+            keyframe=self._keyframe,
+            sensor=drawn.config if drawn else None,
+            start=put,
+        )
+        sample: Sample = {"sensor": dict(drawn.values)} if drawn else {}
+        return sample | ({"attempt": attempt} if self._attempts > 1 else {})
+
+    def _slice(self, worlds: Worlds, number: int, seen: Sequence[Any]) -> Sample:
+        """What a world gives at the end of a slice.
+
+        Args:
+            worlds: All of them.
+            number: Of the world.
+            seen: By camera and world, its events or their array.
+        """
+        # putting a world back costs more than a glance at its arrays
+        world = worlds.world(number) if self._truth else None
+        views = []
+        for place, events in enumerate(seen):
+            view = {"events": events[number]}
+            truth = None
+            for name in self._truth:
+                if world is None or name not in IMAGES:
+                    continue
+                if name == "luminance":
+                    view[name] = np.array(world.cameras[place].luminance)
+                    continue
+                truth = truth or world.cameras[place].ground_truth()
+                view[name] = np.array(getattr(truth, name))
+            views.append(view)
+        sample: Sample = views[0]
+        if len(views) > 1:
+            sample = dict(zip(self.cameras, views, strict=True))
+        if world is not None:
+            states = [name for name in STATES if name in self._truth]
+            sample |= {name: np.array(getattr(world.data, name)) for name in states}
+        if self._sensors:
+            sample["sensors"] = {name: row[number] for name, row in worlds.readings.items()}
+        return sample
+
+
+class EpochSampler:
+    """The samples of an epoch, in order, for a loader's sampler=: pairs (epoch, number).
+
+        order = dataset.sampler()
+        loader = DataLoader(dataset, batch_size=16, sampler=order, num_workers=2)
+        for epoch in range(10):
+            order.set_epoch(epoch)
+            for batch in loader: ...
+
+    To resume, `set_epoch(epoch, done)`: the rest of that epoch, where `done` samples were taken.
+    """
+
+    def __init__(self, samples: int, *, rank: int = 0, num_replicas: int = 1) -> None:
+        """As of SimulatedDataset.sampler."""
+        parts = _at_least(1, num_replicas, "num_replicas")
+        if not 0 <= plain_integer(rank, "rank") < parts:
+            raise EvsError(f"rank is {rank}: give 0 ... {parts - 1}, of {parts} num_replicas")
+        if samples < parts:
+            raise EvsError(f"{parts} num_replicas share {samples} samples: give more samples")
+        self._share, self._rank, self._parts = samples // parts, rank, parts
+        self.epoch, self.done = 0, 0
+
+    def set_epoch(self, epoch: int, done: int = 0) -> None:
+        """Choose the epoch of the next iteration.
+
+        Args:
+            epoch: 0 or more.
+            done: Samples of it that this process has had before.
+
+        Raises:
+            EvsError: A number makes no sense.
+        """
+        epoch = _at_least(0, epoch, "epoch", MOST)
+        if plain_integer(done, "done") > self._share:
+            raise EvsError(f"done is {done}, but an epoch has {self._share} samples")
+        self.epoch, self.done = epoch, _at_least(0, done, "done")
+
+    def __len__(self) -> int:
+        """How many samples are left in the epoch."""
+        return self._share - self.done
+
+    def __iter__(self) -> Iterator[Place]:
+        """Those that are left."""
+        epoch, first, last = self.epoch, self.done, self._share
+        return ((epoch, self._rank + self._parts * one) for one in range(first, last))
+
+
+def _stacked(slices: Sequence[Sample]) -> Sample:
+    """Slices as one sample; events, whose numbers differ, as a list."""
+    found: Sample = {}
+    for name, first in slices[0].items():
+        values = [one[name] for one in slices]
+        if isinstance(first, dict):
+            found[name] = _stacked(values)
+        else:
+            found[name] = values if first.dtype.names else np.stack(values)
+    return found
+
+
+def _names(given: Any, what: str) -> tuple[str, ...]:
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        raise EvsError(f"{what} is {given!r}: give the names of several, such as ['depth']")
+    return tuple(str(one) for one in given)
+
+
+def _at_least(least: int, value: Any, name: str, most: int = 2**31 - 1) -> int:
+    whole = plain_integer(value, name)
+    if not least <= whole <= most:
+        raise EvsError(f"{name} is {whole}: give {least} ... {most}")
+    return whole
+
+
+def _is_path(scene: Any) -> bool:
+    return isinstance(scene, str | Path)
