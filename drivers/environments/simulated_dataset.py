@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.run.paths import in_package
-from evs.drivers.run.sensor_ranges import read_ranges
+from evs.drivers.run.sensor_ranges import read_ranges, split_ranges
 from evs.emulator import Worlds
 from evs.emulator.base.scene import GroundTruth
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.config.plain_values import plain_integer
 from evs.emulator.sensor.randomisation import SensorRanges
 from evs.emulator.simulation.initial_states import Start, begin, check_start
+from evs.emulator.simulation.scene_ranges import SceneRanges
 from evs.emulator.simulation.stacked_arrays import StackedArrays
 from evs.emulator.world import ControlFunction, MjData, Scene, load_model
 from evs.msgs import EvsError, unknown
@@ -34,7 +35,7 @@ IMAGES = ("luminance", *(one.name for one in fields(GroundTruth) if one.name != 
 STATES = ("qpos", "qvel", "ctrl")
 """ground truth of a world"""
 
-RESERVED = (*STATES, "sensors", "sensor", "attempt")
+RESERVED = (*STATES, "sensors", "sensor", "scene", "attempt")
 """keys of a sample beside those of its cameras"""
 
 SEED_TERM = 161
@@ -70,6 +71,7 @@ class SimulatedDataset:
         qpos, qvel, ctrl          what `truth` names, at the end: float64
         sensors      name of a <sensor> -> its readings at the end, float64
         sensor       key of [sensor] -> what was drawn; with `randomise`
+        scene        the same of the scene, KIND.NAME.ATTRIBUTE -> value
         attempt      how often it was drawn again; with `attempts` over 1
 
     With several cameras, `events` and the images of each are a dict under its name. Use it in one
@@ -99,7 +101,7 @@ class SimulatedDataset:
         keyframe: str = "",
         truth: Iterable[str] = (),
         sensors: Iterable[str] = (),
-        randomise: Mapping[str, str] | str | Path | None = None,
+        randomise: Mapping[str, Any] | str | Path | None = None,
         limits: Mapping[str, tuple[float, float]] | None = None,
         attempts: int = 1,
         worlds: int = 16,
@@ -132,8 +134,9 @@ class SimulatedDataset:
             truth: Names of ground truth: luminance, or a field of GroundTruth, of each camera; and
                 qpos, qvel and ctrl.
             sensors: Names of <sensor>s of the model.
-            randomise: Key of [sensor] -> its range, as of evs.SensorRanges, or a TOML file with a
-                table [randomise]: another sensor in every sample, the same for all cameras.
+            randomise: Key of [sensor] -> its range, as of evs.SensorRanges, and under "scene" those
+                of the scene, as of evs.SceneRanges; or a TOML file with a table [randomise]:
+                another sensor, the same for all cameras, and another scene in every sample.
             limits: Name of a <sensor> -> (low, high): a world ends where it is left.
             attempts: How often a sample is drawn until its world does not end.
             worlds: Samples that are simulated side by side at most.
@@ -156,7 +159,8 @@ class SimulatedDataset:
         self._sensors, self._limits = _names(sensors, "sensors"), limits
         if isinstance(randomise, str | Path):
             randomise = read_ranges(in_package(str(randomise)))
-        self.ranges = SensorRanges(randomise, sensor) if randomise else None
+        sensor_ranges, scene_ranges = split_ranges(randomise)
+        self.ranges = SensorRanges(sensor_ranges, sensor) if sensor_ranges else None
         """what the sensor of each sample is drawn from; None: it stays the same"""
         if isinstance(scene, SceneConfig):
             self._scene: Any = scene
@@ -176,6 +180,8 @@ class SimulatedDataset:
         self._arrays: list[StackedArrays] = []
         self._pid = 0
         trial = self._make(1, threads=1)
+        self.scene_ranges = SceneRanges(scene_ranges, trial.model) if scene_ranges else None
+        """what its scene is drawn from; None: it stays the same"""
         self._start = check_start(trial.model, start or {})
         trial.reset(keyframe=keyframe)
         self.infos = trial.infos
@@ -371,6 +377,7 @@ class SimulatedDataset:
         seed = self.seed_of(place, attempt)
         random = np.random.Generator(np.random.PCG64(seed))
         drawn = self.ranges.draw(seed) if self.ranges else None
+        scene = self.scene_ranges.draw(seed) if self.scene_ranges else None
 
         def put(_: int, data: MjData) -> None:
             begin(self._start, random, data)
@@ -380,9 +387,12 @@ class SimulatedDataset:
             [world],
             keyframe=self._keyframe,
             sensor=drawn.config if drawn else None,
+            scene=scene.values if scene else None,
             start=put,
         )
         sample: Sample = {"sensor": dict(drawn.values)} if drawn else {}
+        if scene:
+            sample["scene"] = dict(scene.values)
         return sample | ({"attempt": attempt} if self._attempts > 1 else {})
 
     def _slice(self, worlds: Worlds, number: int, seen: Sequence[Any]) -> Sample:

@@ -26,6 +26,8 @@ from reference.worlds_alone import SWING, raw
 
 SMALL = evs.SensorConfig("dvs128", width=24, height=16)
 RANGES = {"pos_thres": "uniform(0.1, 0.3)", "readout.scan_us": "choice(100, 200)"}
+SCENE = {"geom.*.rgb": "uniform(0.1, 1)", "joint.swing.damping": "uniform(0, 0.2)"}
+BOTH = {**RANGES, "scene": SCENE}
 SAMPLES = 12
 
 
@@ -58,7 +60,7 @@ def flat(sample: Any) -> Any:
 @pytest.mark.parametrize(
     "options",
     [
-        {"randomise": RANGES, "truth": ["depth", "flow", "luminance", "qpos", "qvel", "ctrl"]},
+        {"randomise": BOTH, "truth": ["depth", "flow", "luminance", "qpos", "qvel", "ctrl"]},
         {"cameras": ("left", "right"), "representation": None, "truth": ["geom_id"]},
         {"representation": "time_surface", "sequence": 2, "sensors": ["angle", "rate"]},
         {"representation": "packet", "start": {"swing": (-1.0, 1.0)}, "warm_up": 60},
@@ -416,7 +418,7 @@ MOST_BYTES = 2000
 
 def grown(is_kept: bool) -> float:
     """Bytes that every sample adds, in the one of four windows where it is least."""
-    dataset = swings(representation=None, truth=["depth", "qpos"], randomise=RANGES)
+    dataset = swings(representation=None, truth=["depth", "qpos"], randomise=BOTH)
     kept = []
     sizes = []
     for _ in range(6):
