@@ -39,8 +39,8 @@
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
 #pragma GCC diagnostic ignored "-Wuninitialized"
 
-// before functions that are called on a GPU, and inlined elsewhere: all of them, and those that only
-// kernels of paths call there. With everything inlined they compile for a minute
+// before functions that are called on a GPU, and inlined elsewhere: all of them, and those that
+// only kernels of paths call there. With everything inlined they compile for a minute
 #ifndef EVS_OUTLINE
 #define EVS_OUTLINE
 #endif

@@ -32,6 +32,10 @@ def why_no_gpu() -> str:
         return "this machine has no NVIDIA driver"
     if error != driver.CUresult.CUDA_SUCCESS:
         return f"there is no NVIDIA GPU ({error.name})"
+    try:
+        compiler()
+    except EvsError as reason:
+        return str(reason)
     return ""
 
 

@@ -2,6 +2,7 @@
 // passes, as in antialiasing.h.
 #include "prelude.h"
 
+#include "image_threads.cuh"
 #include "integrators/antialiasing.inl"
 #include "integrators/blend.h"
 
@@ -9,23 +10,12 @@
 #ifndef EVS_CHANNELS
 #define EVS_CHANNELS 1
 #endif
-// of 128 threads, on a multiprocessor: more leave fewer registers to each
-#ifndef EVS_BLOCKS
-#define EVS_BLOCKS 3
-#endif
 // whether there are two passes
 #ifndef EVS_ADAPTIVE
 #define EVS_ADAPTIVE 0
 #endif
 
 namespace evs {
-
-// The pixel of a thread. Returns whether there is one.
-EVS_INLINE bool pixel_of_thread(const Frame& frame, int& x, int& y) {
-  x = static_cast<int>(blockIdx.x * 8 + threadIdx.x % 8);
-  y = static_cast<int>(blockIdx.y * 16 + threadIdx.x / 8);
-  return x < frame.width && y < frame.height;
-}
 
 #if !EVS_ADAPTIVE
 

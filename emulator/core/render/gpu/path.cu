@@ -1,24 +1,13 @@
-// The `path` integrator: a sample a thread, 8 x 4 pixels a warp. A second kernel adds up the samples
-// of a pixel, in the order of the CPU.
+// The `path` integrator: a sample a thread, 8 x 4 pixels a warp. A second kernel adds up the
+// samples of a pixel, in the order of the CPU.
 #define EVS_BATCH_ROOM 1
 #define EVS_OUTLINE_IN_PATHS __noinline__
 #include "prelude.h"
 
+#include "image_threads.cuh"
 #include "integrators/wavefront.inl"
 
-// of 128 threads, on a multiprocessor: more leave fewer registers to each
-#ifndef EVS_BLOCKS
-#define EVS_BLOCKS 4
-#endif
-
 namespace evs {
-
-// The pixel of a thread. Returns whether there is one.
-EVS_INLINE bool pixel_of_thread(const Frame& frame, int& x, int& y) {
-  x = static_cast<int>(blockIdx.x * 8 + threadIdx.x % 8);
-  y = static_cast<int>(blockIdx.y * 16 + threadIdx.x / 8);
-  return x < frame.width && y < frame.height;
-}
 
 // Trace samples `first` ... of every pixel, as many as the grid is deep. Out: light (3, samples, h,
 // w).
