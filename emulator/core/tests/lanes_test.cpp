@@ -2,7 +2,7 @@
 
 #include <cstdio>
 
-#include "cuda/math_ops.inl"
+#include "gpu/math_ops.inl"
 #include "isa.h"
 #include "selftest.h"
 #include "thread_pool.h"
