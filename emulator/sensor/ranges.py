@@ -241,7 +241,7 @@ class Range:
             word = _WORDS[self.operator]
             if other is None:
                 if source not in nominal:
-                    raise self.error(f"this sensor has no {source}; give a range without {word}")
+                    raise self.error(f"there is no {source}; give a range without {word}")
                 operand = float(nominal[source])
                 made = replace(self, operand=operand, operands=(operand, operand))
             elif other.of not in ("", NOMINAL):

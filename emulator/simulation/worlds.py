@@ -364,7 +364,7 @@ class Worlds:
 
         Raises:
             EvsError: As of World.reset, a number that no world has, or another number of seeds,
-                sensors or scenes; nothing has changed.
+                sensors or scenes; nothing has changed, unless values of a scene make no model.
         """
         chosen = self._chosen(worlds)
         seeds: list[int | None]
@@ -389,7 +389,7 @@ class Worlds:
             self.ended.pop(number, None)
             if start is not None:
                 start(number, self._worlds[number].data)
-        self._keep_revisions(chosen)
+        self._see_rest(chosen)
         self._begin(chosen)
 
     def _begin(self, worlds: list[int]) -> None:
@@ -428,6 +428,7 @@ class Worlds:
             self._worlds[number].restore(blob)
             self._keep_revisions([number])
             self.ended.pop(number, None)
+        self._see_rest(chosen)
         self._begin(chosen)
 
     def world(self, number: int) -> World:
@@ -469,6 +470,20 @@ class Worlds:
             self._settle(range(len(self)))
             self._batch = self._reason = None
             self._keep_revisions(range(len(self)))
+
+    def _see_rest(self, chosen: list[int]) -> None:
+        """After a reset or restore, which finds edits of texels and vertices too."""
+        models = {id(self._worlds[number].model) for number in chosen}
+        for number in sorted({*range(len(self))} - {*chosen}):
+            world = self._worlds[number]
+            if id(world.model) in models and world.revision != self._revisions[number]:
+                # others show the same model
+                self._settle(range(len(self)))
+                self._batch = self._reason = None
+                self._keep_revisions(range(len(self)))
+                return
+            models.discard(id(world.model))
+        self._keep_revisions(chosen)
 
     def _keep_revisions(self, worlds: Iterable[int]) -> None:
         """What these worlds show is known: values of a scene are no edit of the caller's."""

@@ -70,7 +70,8 @@ class PhysicsBatch:
         self._error: type[Exception] = SimulationError
         self._worlds, self._substeps = worlds, worlds[0].substeps
         self._models = [world.model for world in worlds]
-        self._differ = False
+        self._differ: bool | None = False
+        """whether worlds have models of their own; None: not known since one was loaded"""
         self._batch: Any = Batch(worlds[0].model, len(worlds), threads, persistent=True)
         self.state: F64 = self._batch.state
         """(n, mjSTATE_INTEGRATION) what the next tick of each world follows from"""
@@ -120,7 +121,7 @@ class PhysicsBatch:
     def load(self, world: int) -> None:
         """From now on a world's state is here."""
         self._models[world] = self._worlds[world].model
-        self._differ = any(model is not self._models[0] for model in self._models)
+        self._differ = None
         self.state[world] = self._worlds[world].state
         self._ticks[world] = self._worlds[world].tick
 
@@ -141,6 +142,8 @@ class PhysicsBatch:
         # counts begin at 1, so that MuJoCo prints nothing: see Physics
         self._warnings[:] = SILENT
         # the batch has a copy, and takes edits of models only so
+        if self._differ is None:
+            self._differ = any(model is not self._models[0] for model in self._models)
         self._batch.set_models(self._models if self._differ else self._models[0])
         everyone = len(which) == len(self._worlds)
         failed: set[int] = set()

@@ -117,7 +117,7 @@ def examine() -> Iterator[Check]:
     yield doctor.check_memory()
     yield from doctor.check_packages()
     yield from doctor.check_extras()
-    yield doctor.check_gpu()
+    yield from doctor.guarded("gpu", "take render.device=cpu", lambda: [doctor.check_gpu()])
     yield from doctor.guarded("native core", _again(), lambda: [doctor.check_core()])
     yield from doctor.check_disk(dict.fromkeys((Path.cwd(), Path(tempfile.gettempdir()))))
     yield from doctor.guarded("trial run", _again(), _trial)

@@ -1,5 +1,5 @@
-"""`direct` on a GPU beside the CPU: the bytes, the time of a frame, and of a whole tick in an open
-loop. Each film is rendered by both."""
+"""`direct` and `path` on a GPU beside the CPU: the bytes, the time of a frame, and of a whole tick
+in an open loop. Each film is rendered by both."""
 
 from __future__ import annotations
 

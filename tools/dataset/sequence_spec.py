@@ -133,7 +133,8 @@ class SequenceSpec:
 
     def view_at(self, config: RunConfig, tick: int) -> tuple[World, View]:
         """The world at a tick, and a view in colour with the samples of the frames."""
-        render = replace(config.render, spp=self.frames.spp)
+        # colour is rendered on the CPU
+        render = replace(config.render, spp=self.frames.spp, device="cpu")
         world, view = World.with_view(replace(config, render=render), rgb=True)
         self.randomise(world)
         control = self.control(world)

@@ -5,13 +5,15 @@ NVRTC needs no GPU, no driver and no other compiler.
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 from evs.emulator.base.user_cache import cache_folder
-from evs.emulator.render.gpu.driver import compiler
+from evs.emulator.render.gpu.driver import Gpu, compiler
 from evs.msgs import EvsError
 
 CORE = Path(__file__).resolve().parents[2] / "core"
@@ -64,6 +66,7 @@ def compile_kernel(
         # new bytes: NVRTC writes into them, and `b" " * 1` is the one that all of Python shares
         log = bytes(size)
         nvrtc.nvrtcGetProgramLog(program, log)
+        nvrtc.nvrtcDestroyProgram(program)
         words = " ".join(log.rstrip(b"\0").decode(errors="replace").split())
         raise EvsError(f"{source.name} does not compile for {target}: {error.name}: {words[:400]}")
     machine_code = target.startswith("sm_")
@@ -102,15 +105,36 @@ def cached_kernel(name: str, architecture: int, defined: Mapping[str, int]) -> b
     except OSError:
         pass
     code = compile_kernel(KERNELS / f"{name}.cu", f"sm_{architecture}", defined)
+    part = kept.with_suffix(f".{os.getpid()}.part")
     try:
         kept.parent.mkdir(parents=True, exist_ok=True)
-        part = kept.with_suffix(f".{os.getpid()}.part")
         part.write_bytes(code)
         part.replace(kept)
     except OSError:
         # a cache that cannot be written costs the next start its time, no more
-        pass
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
     return code
+
+
+def kernels_of(
+    gpu: Gpu, name: str, functions: Sequence[str], defined: Mapping[str, int]
+) -> list[Any]:
+    """Kernels of a file of KERNELS, which is compiled and loaded once.
+
+    Args:
+        gpu: Where they run.
+        name: Name of the file, without .cu.
+        functions: Names of the kernels.
+        defined: Macros.
+
+    Raises:
+        EvsError: As of compile_kernel.
+    """
+    key = name, *sorted(defined.items())
+    if key not in gpu.loaded:
+        gpu.loaded[key] = gpu.load(cached_kernel(name, gpu.architecture, defined))
+    return [gpu.kernel(gpu.loaded[key], function) for function in functions]
 
 
 def _sources() -> list[Path]:

@@ -6,7 +6,7 @@ from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.config import RenderConfig
 from evs.emulator.render.direct import DirectRenderer, LentRenderer
-from evs.emulator.render.gpu.compiler import cached_kernel
+from evs.emulator.render.gpu.compiler import kernels_of
 from evs.emulator.render.gpu.driver import the_gpu
 from evs.emulator.render.gpu.scene import UploadedScene
 
@@ -46,11 +46,9 @@ class CudaDirectRenderer(DirectRenderer):
         self._there = UploadedScene(gpu, self._caster, self.shape)
         adaptive, channels = self._there.adaptive, self._caster.channels
         self._untextured = self._there.room(self._luminance.nbytes if adaptive else 0)
-        code = cached_kernel(
-            "direct", gpu.architecture, {"EVS_CHANNELS": channels, "EVS_ADAPTIVE": int(adaptive)}
-        )
         names = ("first_pass", "second_pass") if adaptive else ("direct",)
-        self._kernels = [gpu.kernel(code, name) for name in names]
+        macros = {"EVS_CHANNELS": channels, "EVS_ADAPTIVE": int(adaptive)}
+        self._kernels = kernels_of(gpu, "direct", names, macros)
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
         """As of DirectRenderer."""
@@ -65,6 +63,11 @@ class CudaDirectRenderer(DirectRenderer):
         else:
             there.launch(self._kernels[0], there.frame, light)
         return there.download(into)
+
+    @property
+    def features(self) -> dict[str, bool]:
+        """As of DirectRenderer."""
+        return {**super().features, "full_retrace": True}
 
     def lend(self) -> LentRenderer | str:
         """As of DirectRenderer."""

@@ -5,6 +5,7 @@ The door to cuda.bindings: CUDA's driver and NVRTC, which needs neither a GPU no
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
@@ -19,13 +20,25 @@ U8 = npt.NDArray[np.uint8]
 INSTALL = "pip install 'evs[cuda]'"
 
 
-@cache
+_process: list[int] = []
+"""that has started CUDA"""
+
+
 def why_no_gpu() -> str:
     """Why nothing can be rendered on a GPU here, as a reason; "": it can."""
+    reason = _why_no_gpu()
+    if not reason and _process[0] != os.getpid():
+        return "CUDA was started before this process was forked: start processes with spawn"
+    return reason
+
+
+@cache
+def _why_no_gpu() -> str:
     try:
         from cuda.bindings import driver
     except ImportError:
         return f"the extra cuda is not installed: {INSTALL}"
+    _process.append(os.getpid())
     try:
         (error,) = driver.cuInit(0)
     except RuntimeError:
@@ -34,12 +47,12 @@ def why_no_gpu() -> str:
         return f"there is no NVIDIA GPU ({error.name})"
     try:
         compiler()
+        _gpu()
     except EvsError as reason:
         return str(reason)
     return ""
 
 
-@cache
 def the_gpu() -> Gpu:
     """The first GPU, initialised once.
 
@@ -48,6 +61,11 @@ def the_gpu() -> Gpu:
     """
     if reason := why_no_gpu():
         raise EvsError(f"nothing can be rendered on a GPU: {reason}")
+    return _gpu()
+
+
+@cache
+def _gpu() -> Gpu:
     return Gpu()
 
 
@@ -89,6 +107,8 @@ class Gpu:
             of.CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MAJOR
         ) + attribute(of.CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MINOR)
         """its compute capability, such as 90 for 9.0"""
+        self.loaded: dict[Any, Any] = {}
+        """modules by what they were compiled from"""
 
     def checked(self, result: tuple[Any, ...]) -> Any:
         """What a call of the driver returns besides its error.
@@ -103,6 +123,11 @@ class Gpu:
     def use(self) -> None:
         """Let this thread of Python use it."""
         self.checked(self._driver.cuCtxSetCurrent(self._context))
+
+    def free(self, call: Any, address: int) -> None:
+        """Free memory in any thread. What fails here has been freed with the process."""
+        self._driver.cuCtxSetCurrent(self._context)
+        call(address)
 
     def allocate(self, size: int) -> DeviceMemory:
         """So many bytes on it. Raises EvsError where it has no more."""
@@ -133,9 +158,12 @@ class Gpu:
         """Wait for all that was launched."""
         self.checked(self._driver.cuStreamSynchronize(self._stream))
 
-    def kernel(self, code: bytes, name: str) -> Any:
-        """A kernel of machine code, for `launch`."""
-        module = self.checked(self._driver.cuModuleLoadData(code))
+    def load(self, code: bytes) -> Any:
+        """A module of machine code; it stays loaded."""
+        return self.checked(self._driver.cuModuleLoadData(code))
+
+    def kernel(self, module: Any, name: str) -> Any:
+        """A kernel of a module, for `launch`."""
         return self.checked(self._driver.cuModuleGetFunction(module, name.encode()))
 
     def launch(
@@ -163,7 +191,7 @@ class DeviceMemory:
 
     def __init__(self, gpu: Gpu, size: int) -> None:
         """Allocate. Raises EvsError where there is no more."""
-        self._gpu, self._free = gpu, gpu._driver.cuMemFree
+        self._gpu = gpu
         self.address = int(gpu.checked(gpu._driver.cuMemAlloc(max(size, 1))))
 
     @property
@@ -173,15 +201,14 @@ class DeviceMemory:
 
     def __del__(self) -> None:
         if hasattr(self, "address"):
-            # what fails here has been freed with the process
-            self._free(self.address)
+            self._gpu.free(self._gpu._driver.cuMemFree, self.address)
 
 
 class _PinnedMemory:
     """What an array of `Gpu.pinned` lies in, freed with the array."""
 
     def __init__(self, gpu: Gpu, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
-        self._free = gpu._driver.cuMemFreeHost
+        self._gpu = gpu
         size = max(int(np.prod(shape)) * dtype.itemsize, 1)
         self._address = int(gpu.checked(gpu._driver.cuMemAllocHost(size)))
         self.__array_interface__ = {
@@ -194,4 +221,4 @@ class _PinnedMemory:
 
     def __del__(self) -> None:
         if hasattr(self, "_address"):
-            self._free(self._address)
+            self._gpu.free(self._gpu._driver.cuMemFreeHost, self._address)

@@ -8,8 +8,8 @@ from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.config import RenderConfig
 from evs.emulator.render.direct import DirectRenderer, LentRenderer
-from evs.emulator.render.gpu.compiler import cached_kernel
-from evs.emulator.render.gpu.driver import the_gpu
+from evs.emulator.render.gpu.compiler import kernels_of
+from evs.emulator.render.gpu.driver import DeviceMemory, the_gpu
 from evs.emulator.render.gpu.scene import UploadedScene
 from evs.emulator.render.path import PathRenderer
 
@@ -54,12 +54,19 @@ class CudaPathRenderer(PathRenderer):
         image = self._luminance.nbytes
         self._samples = config.samples
         self._at_once = max(1, min(self._samples, MOST_BYTES // (3 * image)))
-        self._radiance = self._there.room(3 * self._at_once * image)
-        self._sums = self._there.room(6 * image)
-        code = cached_kernel("path", gpu.architecture, {})
-        self._trace, self._add = (
-            gpu.kernel(code, name) for name in ("trace_samples", "add_samples")
-        )
+        room = self._there.room
+        self._radiance: DeviceMemory
+        self._sums: DeviceMemory
+        if isinstance(like, CudaPathRenderer) and like._fits(self):
+            # they take turns, as those of a cycle do
+            self._radiance, self._sums = like._radiance, like._sums
+        else:
+            self._radiance, self._sums = room(3 * self._at_once * image), room(6 * image)
+        self._trace, self._add = kernels_of(gpu, "path", ("trace_samples", "add_samples"), {})
+
+    def _fits(self, other: CudaPathRenderer) -> bool:
+        """Whether another one needs as much room."""
+        return self.shape == other.shape and self._at_once == other._at_once
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
         """As of PathRenderer."""
@@ -75,6 +82,11 @@ class CudaPathRenderer(PathRenderer):
             there.launch(self._trace, there.frame, there.paths, first, radiance, deep=count)
             there.launch(self._add, there.frame, first, many, radiance, sums, light)
         return there.download(into)
+
+    @property
+    def features(self) -> dict[str, bool]:
+        """As of PathRenderer."""
+        return {**super().features, "full_retrace": True}
 
     def lend(self) -> LentRenderer | str:
         """As of PathRenderer."""

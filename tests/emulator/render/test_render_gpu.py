@@ -1,8 +1,9 @@
-"""`direct` on a GPU has the bytes of the CPU: on the GPU where there is one, else on a stand-in
-that runs the CPU's kernels on what would be uploaded."""
+"""`direct` and `path` on a GPU have the bytes of the CPU: on the GPU if there is one, else on a
+stand-in that runs the CPU's kernels on what would be uploaded."""
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,7 @@ def device(monkeypatch: pytest.MonkeyPatch) -> StandInGpu | None:
     gpu = StandInGpu()
     for module in (direct, path):
         monkeypatch.setattr(module, "the_gpu", lambda: gpu)
-        monkeypatch.setattr(module, "cached_kernel", lambda *told: b"")
+    monkeypatch.setattr("evs.emulator.render.gpu.compiler.cached_kernel", lambda *told: b"")
     monkeypatch.setattr("evs.emulator.render.selection.why_no_gpu", lambda: "")
     return gpu
 
@@ -153,6 +154,14 @@ def test_colour_stays_on_the_cpu() -> None:
         make_renderer(stage.scene, stage.camera, config, 1, rgb=True)
     auto = make_renderer(stage.scene, stage.camera, replace(config, device="auto"), 1, rgb=True)
     assert not isinstance(auto, direct.CudaDirectRenderer)
+
+
+def test_a_forked_process_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(driver, "_why_no_gpu", lambda: "")
+    monkeypatch.setattr(driver, "_process", [os.getppid()])
+    assert "start processes with spawn" in driver.why_no_gpu()
+    with pytest.raises(EvsError, match="nothing can be rendered on a GPU: CUDA was started"):
+        driver.the_gpu()
 
 
 def test_a_machine_without_a_gpu_says_so() -> None:

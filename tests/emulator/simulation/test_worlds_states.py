@@ -215,6 +215,22 @@ def test_edited_vertices_show_in_every_world(begin: str) -> None:
     assert worlds.world(2).cameras[0].luminance.tobytes() != light
 
 
+@pytest.mark.parametrize("chosen", [0, 1, 2])
+def test_edited_texels_show_in_worlds_that_were_not_reset(chosen: int) -> None:
+    """A reset of one world compares all of the model, which the others share."""
+    checked = """<asset><texture name="tiles" type="2d" builtin="checker" rgb1="1 1 1" rgb2="0 0 0"
+        width="32" height="32"/><material name="floor" texture="tiles"/></asset><worldbody>"""
+    xml = SWING.replace("<worldbody>", checked).replace('rgba=".3 .3 .3 1"', 'material="floor"')
+    worlds = Worlds(mujoco.MjModel.from_xml_string(xml), 3, threads=1, control="zero")
+    worlds.add_camera("left", sensor=SMALL)
+    worlds.step(ticks=3)
+    worlds.model.tex_data[:] = 255 - worlds.model.tex_data
+    worlds.reset(worlds=[chosen])
+    (seen,) = worlds.step(ticks=1)
+    others = [number for number in range(3) if number != chosen]
+    assert (seen.counts[others] > 500).all()
+
+
 def test_a_world_that_somebody_looks_at_hides_no_edit_from_the_others() -> None:
     worlds, alone = moving(3)
     for one in (worlds.model, *(world.model for world in alone.each)):

@@ -41,7 +41,7 @@ class Difference(ctypes.Structure):
 def main() -> None:
     cpu, gpu = ctypes.CDLL(str(Path(sys.argv[1]).resolve())), the_gpu()
     print(f"{gpu.name}; {cores()} cores")
-    kernel = gpu.kernel(compiled("math", f"sm_{gpu.architecture}"), "math")
+    kernel = gpu.kernel(gpu.load(compiled("math", f"sm_{gpu.architecture}")), "math")
     results, there = gpu.pinned((CHUNK,), np.int32), gpu.allocate(4 * CHUNK)
     differ = 0
     for op, name in enumerate(MATH):

@@ -38,8 +38,6 @@ struct Difference {
   uint32_t a, b, cpu, gpu;
 };
 
-EVS_EXPORT int math_ops() { return portable::MATH_OPS; }
-
 // Compare results of operation `op` for `count` operands from `first` on. In/out: `found`, zero
 // before the first call.
 EVS_EXPORT void math_compare(int op, uint64_t first, uint64_t count, const int32_t* gpu,
