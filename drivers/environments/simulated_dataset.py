@@ -346,7 +346,7 @@ class SimulatedDataset:
     ) -> dict[int, Sample]:
         """World -> its sample, where it did not end."""
         chosen = [*places]
-        drawn = {world: self._reset(worlds, world, places[world], attempt) for world in chosen}
+        drawn = self._reset(worlds, places, attempt)
         ticks = np.zeros(len(worlds), np.int64)
         if self._warm_up:
             ticks[chosen] = self._warm_up
@@ -372,28 +372,38 @@ class SimulatedDataset:
             if world not in worlds.ended
         }
 
-    def _reset(self, worlds: Worlds, world: int, place: Place, attempt: int) -> Sample:
-        """Put a world where its sample begins; what the sample has of its draw."""
-        seed = self.seed_of(place, attempt)
-        random = np.random.Generator(np.random.PCG64(seed))
-        drawn = self.ranges.draw(seed) if self.ranges else None
-        scene = self.scene_ranges.draw(seed) if self.scene_ranges else None
+    def _reset(
+        self, worlds: Worlds, places: Mapping[int, Place], attempt: int
+    ) -> dict[int, Sample]:
+        """Put worlds where their samples begin; what each sample has of its draw."""
+        seeds = {world: self.seed_of(place, attempt) for world, place in places.items()}
+        sensors = [self.ranges.draw(seed) for seed in seeds.values()] if self.ranges else []
+        scenes = (
+            [self.scene_ranges.draw(seed).values for seed in seeds.values()]
+            if self.scene_ranges
+            else []
+        )
 
-        def put(_: int, data: MjData) -> None:
-            begin(self._start, random, data)
+        def put(world: int, data: MjData) -> None:
+            begin(self._start, np.random.Generator(np.random.PCG64(seeds[world])), data)
 
         worlds.reset(
-            [seed],
-            [world],
+            [*seeds.values()],
+            [*seeds],
             keyframe=self._keyframe,
-            sensor=drawn.config if drawn else None,
-            scene=scene.values if scene else None,
+            sensor=[one.config for one in sensors] or None,
+            scene=scenes or None,
             start=put,
         )
-        sample: Sample = {"sensor": dict(drawn.values)} if drawn else {}
-        if scene:
-            sample["scene"] = dict(scene.values)
-        return sample | ({"attempt": attempt} if self._attempts > 1 else {})
+        drawn: dict[int, Sample] = {world: {} for world in seeds}
+        for sample, sensor in zip(drawn.values(), sensors, strict=False):
+            sample["sensor"] = dict(sensor.values)
+        for sample, scene in zip(drawn.values(), scenes, strict=False):
+            sample["scene"] = dict(scene)
+        if self._attempts > 1:
+            for sample in drawn.values():
+                sample["attempt"] = attempt
+        return drawn
 
     def _slice(self, worlds: Worlds, number: int, seen: Sequence[Any]) -> Sample:
         """What a world gives at the end of a slice.

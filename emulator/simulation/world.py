@@ -527,7 +527,7 @@ class World:
 
         Raises:
             EvsError: No such keyframe or key, a value that makes no model, or a sensor that no
-                camera can have; nothing has changed.
+                camera can have; nothing has changed, unless the values make no model.
         """
         self.resetting(seed, keyframe, sensor, scene)()
 

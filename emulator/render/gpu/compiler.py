@@ -82,8 +82,7 @@ def compile_kernel(
 def cached_kernel(name: str, architecture: int, defined: Mapping[str, int]) -> bytes:
     """Machine code of a kernel of KERNELS, from the cache where it is there.
 
-    The keys of the cache cover the sources, the macros, the
-    architecture and the compiler.
+    The keys of the cache cover the sources, the macros, the architecture and the compiler.
 
     Args:
         name: Name of a file, without .cu.
