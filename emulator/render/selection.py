@@ -6,12 +6,12 @@ from functools import partial
 
 from evs.emulator import _core
 from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator.base.gpu.driver import why_no_gpu
 from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.scene import CameraModel, SceneModel
 from evs.emulator.config import RenderConfig
 from evs.emulator.render.cycle import CycleRenderer
 from evs.emulator.render.direct import DirectRenderer
-from evs.emulator.render.gpu.driver import why_no_gpu
 from evs.emulator.render.registry import RENDERERS
 from evs.msgs import EvsError, unknown
 from evs.msgs.registry import load

@@ -35,7 +35,7 @@ DOORS = {
     "foxglove": ("drivers/viewer/panels.py",),
     "pyrender": ("emulator/render/raster/",),
     "OpenGL": ("emulator/render/raster/",),
-    "cuda": ("emulator/render/gpu/driver.py",),
+    "cuda": ("emulator/base/gpu/driver.py",),
     "jax": ("tools/training/",),
     "optax": ("tools/training/",),
     "onnxruntime": ("emulator/evsnet/session.py",),

@@ -11,9 +11,11 @@ from pathlib import Path
 
 import pytest
 
+from evs.emulator.base.gpu.compiler import ROOMS
+
 pytestmark = pytest.mark.slow
 
-GPU_ROOMS = tuple(f"emulator/core/{room}/" for room in ("base", "scene", "render"))
+GPU_ROOMS = tuple(f"emulator/core/{room}/" for room in ROOMS)
 """whose headers are compiled for a GPU where there is one"""
 
 

@@ -14,9 +14,9 @@ import pytest
 
 import evs
 from evs.emulator.base.cores import cores
+from evs.emulator.base.gpu.driver import the_gpu, why_no_gpu
 from evs.emulator.config import RenderConfig
 from evs.emulator.render import make_renderer
-from evs.emulator.render.gpu.driver import the_gpu, why_no_gpu
 from evs.emulator.simulation.pipelined import PipelinedWorld
 from reference.film import ROOM, VIEWS, Film, model_of
 

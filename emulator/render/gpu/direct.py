@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator.base.gpu.compiler import kernels_of
+from evs.emulator.base.gpu.driver import the_gpu
 from evs.emulator.base.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.config import RenderConfig
 from evs.emulator.render.direct import DirectRenderer, LentRenderer
-from evs.emulator.render.gpu.compiler import kernels_of
-from evs.emulator.render.gpu.driver import the_gpu
 from evs.emulator.render.gpu.scene import UploadedScene
 
 
@@ -48,7 +48,7 @@ class CudaDirectRenderer(DirectRenderer):
         self._untextured = self._there.room(self._luminance.nbytes if adaptive else 0)
         names = ("first_pass", "second_pass") if adaptive else ("direct",)
         macros = {"EVS_CHANNELS": channels, "EVS_ADAPTIVE": int(adaptive)}
-        self._kernels = kernels_of(gpu, "direct", names, macros)
+        self._kernels = kernels_of(gpu, "render/direct", names, macros)
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
         """As of DirectRenderer."""

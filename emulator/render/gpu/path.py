@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator.base.gpu.compiler import kernels_of
+from evs.emulator.base.gpu.driver import DeviceMemory, the_gpu
 from evs.emulator.base.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.config import RenderConfig
 from evs.emulator.render.direct import DirectRenderer, LentRenderer
-from evs.emulator.render.gpu.compiler import kernels_of
-from evs.emulator.render.gpu.driver import DeviceMemory, the_gpu
 from evs.emulator.render.gpu.scene import UploadedScene
 from evs.emulator.render.path import PathRenderer
 
@@ -62,7 +62,9 @@ class CudaPathRenderer(PathRenderer):
             self._radiance, self._sums = like._radiance, like._sums
         else:
             self._radiance, self._sums = room(3 * self._at_once * image), room(6 * image)
-        self._trace, self._add = kernels_of(gpu, "path", ("trace_samples", "add_samples"), {})
+        self._trace, self._add = kernels_of(
+            gpu, "render/path", ("trace_samples", "add_samples"), {}
+        )
 
     def _fits(self, other: CudaPathRenderer) -> bool:
         """Whether another one needs as much room."""

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator import _core
+from evs.emulator.base.gpu.driver import DeviceMemory, Gpu
 from evs.emulator.base.scene import F32, F64
-from evs.emulator.render.gpu.driver import DeviceMemory, Gpu
 
 THREADS = 128
 """of a block: 8 x 16 pixels"""

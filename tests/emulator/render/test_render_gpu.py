@@ -13,11 +13,12 @@ import pytest
 from gpu.stand_in import StandInGpu
 
 import evs
+from evs.emulator.base.gpu import driver
 from evs.emulator.base.protocols import Renderer
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import make_renderer
 from evs.emulator.render.cycle import CycleRenderer
-from evs.emulator.render.gpu import direct, driver, path
+from evs.emulator.render.gpu import direct, path
 from evs.msgs import EvsError
 from reference.random_scenes import RandomStage
 
@@ -32,7 +33,7 @@ def device(monkeypatch: pytest.MonkeyPatch) -> StandInGpu | None:
     gpu = StandInGpu()
     for module in (direct, path):
         monkeypatch.setattr(module, "the_gpu", lambda: gpu)
-    monkeypatch.setattr("evs.emulator.render.gpu.compiler.cached_kernel", lambda *told: b"")
+    monkeypatch.setattr("evs.emulator.base.gpu.compiler.cached_kernel", lambda *told: b"")
     monkeypatch.setattr("evs.emulator.render.selection.why_no_gpu", lambda: "")
     return gpu
 

@@ -17,7 +17,7 @@ except RuntimeError as error:
 
 from gpu.compile import compiled  # noqa: E402
 
-from evs.emulator.render.gpu.compiler import SAME_BYTES  # noqa: E402
+from evs.emulator.base.gpu.compiler import SAME_BYTES  # noqa: E402
 
 ARITHMETIC = re.compile(r"\b(?:add|sub|mul|div|sqrt|min|max|abs|neg|setp)\.[\w.]*f32\b")
 OTHER_ROUNDING = re.compile(r"\b(?:fma|mad\.r\w|\w+\.approx)[\w.]*")

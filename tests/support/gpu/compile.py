@@ -12,7 +12,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from evs.emulator.render.gpu.compiler import CORE, KERNELS, SAME_BYTES, compile_kernel
+from evs.emulator.base.gpu.compiler import CORE, ROOMS, SAME_BYTES, compile_kernel
 
 TESTED = CORE / "tests/gpu"
 
@@ -26,14 +26,14 @@ def compiled(
     """Compile a kernel, as `compile_kernel` does.
 
     Args:
-        kernel: Name of a file of emulator/core/render/gpu or emulator/core/tests/gpu, without .cu.
+        kernel: Name of a file of emulator/core/ROOM/gpu or emulator/core/tests/gpu, without .cu.
         target: As of compile_kernel.
         defined: As of compile_kernel.
         options: As of compile_kernel.
     """
-    folder = next(f for f in (KERNELS, TESTED) if (f / f"{kernel}.cu").is_file())
-    rooms = (TESTED, CORE / "sensor", CORE / "evsnet")
-    return compile_kernel(folder / f"{kernel}.cu", target, defined, options, rooms)
+    folders = (*(CORE / room / "gpu" for room in ROOMS), TESTED)
+    folder = next(f for f in folders if (f / f"{kernel}.cu").is_file())
+    return compile_kernel(folder / f"{kernel}.cu", target, defined, options, (TESTED,))
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from compile import compiled
 
 from evs.emulator.base.cores import cores
-from evs.emulator.render.gpu.driver import the_gpu
+from evs.emulator.base.gpu.driver import the_gpu
 
 MATH = [
     *("log2", "exp2", "floor", "truncate", "to_float", "sqrt", "safe_inverse", "abs", "negate"),

@@ -25,7 +25,7 @@ class StandInMemory:
 
 
 class StandInGpu:
-    """As evs.emulator.render.gpu.driver.Gpu."""
+    """As evs.emulator.base.gpu.driver.Gpu."""
 
     name = "none"
     architecture = 0

@@ -12,14 +12,15 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from evs.emulator.base.gpu.driver import Gpu, compiler
 from evs.emulator.base.user_cache import cache_folder
-from evs.emulator.render.gpu.driver import Gpu, compiler
 from evs.msgs import EvsError
 
 CORE = Path(__file__).resolve().parents[2] / "core"
-KERNELS = CORE / "render/gpu"
-ROOMS = ("base", "scene", "render")
-"""folders of CORE whose headers kernels include"""
+LANGUAGE = CORE / "base/gpu"
+"""what NVRTC lacks of g++'s language and library"""
+ROOMS = ("base", "scene", "render", "sensor", "evsnet")
+"""folders of CORE whose headers kernels include; its kernels are in `gpu` of these"""
 
 SAME_BYTES = ("--fmad=false", "--prec-div=true", "--prec-sqrt=true", "--ftz=true")
 """IEEE rounding, no contraction to fma; denormals are flushed, as the CPU's worker threads do"""
@@ -45,7 +46,8 @@ def compile_kernel(
         EvsError: It does not compile, or NVRTC is missing.
     """
     nvrtc = compiler()
-    include = (KERNELS, KERNELS / "std", *(CORE / room for room in ROOMS), *folders)
+    kernels = (CORE / room / "gpu" for room in ROOMS)
+    include = (LANGUAGE / "std", *kernels, *(CORE / room for room in ROOMS), *folders)
     arguments = [
         "--std=c++20",
         "--device-as-default-execution-space",
@@ -80,12 +82,12 @@ def compile_kernel(
 
 
 def cached_kernel(name: str, architecture: int, defined: Mapping[str, int]) -> bytes:
-    """Machine code of a kernel of KERNELS, from the cache where it is there.
+    """Machine code of a kernel of CORE, from the cache where it is there.
 
     The keys of the cache cover the sources, the macros, the architecture and the compiler.
 
     Args:
-        name: Name of a file, without .cu.
+        name: Folder and name of its file, such as "render/direct".
         architecture: Compute capability, such as 90.
         defined: Macros.
 
@@ -98,12 +100,13 @@ def cached_kernel(name: str, architecture: int, defined: Mapping[str, int]) -> b
     for path in _sources():
         told.update(path.relative_to(CORE).as_posix().encode())
         told.update(path.read_bytes())
-    kept = cache_folder("cuda") / f"{name}-sm_{architecture}-{told.hexdigest()[:24]}.cubin"
+    room, kernel = name.split("/")
+    kept = cache_folder("cuda") / f"{kernel}-sm_{architecture}-{told.hexdigest()[:24]}.cubin"
     try:
         return kept.read_bytes()
     except OSError:
         pass
-    code = compile_kernel(KERNELS / f"{name}.cu", f"sm_{architecture}", defined)
+    code = compile_kernel(CORE / room / f"gpu/{kernel}.cu", f"sm_{architecture}", defined)
     part = kept.with_suffix(f".{os.getpid()}.part")
     try:
         kept.parent.mkdir(parents=True, exist_ok=True)
@@ -119,11 +122,11 @@ def cached_kernel(name: str, architecture: int, defined: Mapping[str, int]) -> b
 def kernels_of(
     gpu: Gpu, name: str, functions: Sequence[str], defined: Mapping[str, int]
 ) -> list[Any]:
-    """Kernels of a file of KERNELS, which is compiled and loaded once.
+    """Kernels of a file of CORE, which is compiled and loaded once.
 
     Args:
         gpu: Where they run.
-        name: Name of the file, without .cu.
+        name: As of cached_kernel.
         functions: Names of the kernels.
         defined: Macros.
 
