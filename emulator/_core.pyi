@@ -410,6 +410,87 @@ class DeviceFrame:
     def adaptive(self) -> bool:
         """Whether there is a first pass."""
 
+def order_crossings(crossings: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], t_begin_us: int, tick_us: int, width: int, causes: bool) -> Annotated[NDArray[numpy.uint8], dict(shape=(None,))]:
+    """
+    Sort what pixels of a device have found.
+
+    Args:
+        crossings: (8 n,) uint8, in the order of the pixels.
+        t_begin_us: Where the tick begins, us.
+        tick_us: How long it is, us.
+        width: Of the image, px.
+        causes: Whether events hold their cause.
+
+    Returns:
+        The bytes of the events, uint8.
+    """
+
+def step_device_pixels(arguments: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> None:
+    """
+    Step pixels of DevicePixels whose addresses are those of arrays, as a device does: for
+    tests.
+
+    Args:
+        arguments: (argument_bytes,) uint8.
+    """
+
+def pack_device_crossings(arguments: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], all: int, room: int, packed: int) -> None:
+    """
+    Pack what pixels have found, as a device does: for tests.
+
+    Args:
+        arguments: (argument_bytes,) uint8.
+        all: Address of (4,) uint32, the output: crossings, the most crossings and
+            candidates of a block, pixels with unusable luminance.
+        room: How many crossings there is room for.
+        packed: Address of the crossings, the output.
+    """
+
+class DevicePixels:
+    """
+    The arguments of kernels that step event pixels on a device with memory of its own.
+    """
+
+    def __init__(self, pixels: PixelArray) -> None:
+        """
+        Args:
+            pixels: Whose fixed pattern and settings they have.
+        """
+
+    def copy_constant(self, address: int, out: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')]) -> None:
+        """
+        Copy what stays.
+
+        Args:
+            address: Where it will lie on the device.
+            out: (constant_bytes,) uint8, the output.
+        """
+
+    def copy_arguments(self, *, constant: int, arrays: dict, luminance: int, clock_us: int, tick_us: int, ticks: int, all_due: bool, row_reads: int, row_read_count: int, crossings: int, crossing_room: int, candidates: int, candidate_room: int, counts: int, out: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')]) -> None:
+        """
+        Write the argument of the kernels for a tick.
+
+        Args:
+            constant: Where what stays lies on the device.
+            arrays: Where each array of the state lies, by name.
+            luminance: Where the (h, w) float32 light lies.
+            clock_us, tick_us, ticks, all_due: As of PixelArray.step.
+            row_reads, row_read_count: Where (n, 2) int32 row reads lie, and n.
+            crossings, candidates, counts: Where there is room for (blocks, crossing_room)
+                crossings of 8 bytes, (blocks, candidate_room) candidates of 16 and (blocks,)
+                counts of 12.
+            crossing_room, candidate_room: How much of it a block has.
+            out: (argument_bytes,) uint8, the output.
+        """
+
+    @property
+    def constant_bytes(self) -> int:
+        """Bytes of what stays."""
+
+    @property
+    def argument_bytes(self) -> int:
+        """Bytes of the argument."""
+
 class EventArrays:
     """
     Events of many worlds as dense arrays, written side by side.

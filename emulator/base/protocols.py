@@ -86,6 +86,14 @@ class Renderer(Protocol):
 
 
 @runtime_checkable
+class DeviceRenderer(Renderer, Protocol):
+    """A renderer on a GPU, whose light may stay there."""
+
+    def device_light(self) -> Any:
+        """Memory for light there, which `render` takes as `into` and NumPy as an array."""
+
+
+@runtime_checkable
 class TracingRenderer(Renderer, Protocol):
     """A renderer that can trace single pixels."""
 
@@ -162,6 +170,14 @@ class EventModel(Protocol):
         Raises:
             EvsError: The light has another shape, or the tick does not go forward.
         """
+
+
+@runtime_checkable
+class DeviceModel(EventModel, Protocol):
+    """An event model on a GPU, which takes light from there too."""
+
+    on_device: bool
+    """True"""
 
 
 @runtime_checkable

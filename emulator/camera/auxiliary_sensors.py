@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from evs.emulator.base.features import Switches
 from evs.emulator.base.scene import F32, CameraPose
 from evs.emulator.base.stamps import later_frame, later_imu
@@ -99,7 +101,9 @@ class AuxiliarySensors:
             end_us: Where it ends, us.
         """
         if self._aps is not None and self._aps_state is not None:
-            frames, self._aps_state = self._aps.step(luminance, self._aps_state, begin_us, end_us)
+            # light may lie on a GPU
+            light = np.asarray(luminance)
+            frames, self._aps_state = self._aps.step(light, self._aps_state, begin_us, end_us)
             if self._sensor.aps.enabled:
                 self.frames = tuple(later_frame(frame, self._start_us) for frame in frames)
         if pose is None or world is None:

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from evs.emulator.base.protocols import Meter, NoMeter, Renderer
+from evs.emulator.base.arrays import on_lines
+from evs.emulator.base.protocols import DeviceRenderer, Meter, NoMeter, Renderer
 from evs.emulator.base.scene import F32, I32, CameraPose, GroundTruth, SceneModel, SceneSnapshot
 from evs.emulator.base.stamps import later_events
 from evs.emulator.camera.auxiliary_sensors import AuxiliarySensors
@@ -437,6 +438,7 @@ class Camera:
 
     def _stand(self, viewpoint: Viewpoint) -> None:
         self._viewpoint = viewpoint
+        self._stays: F32 | None = None
         self._unlit = is_unlit(viewpoint.scene, self._plan.render)
         lines = flicker_warnings(viewpoint.scene.lights, self._plan.render, self._tick_us)
         warn_left_out([line for line in lines if line not in self.left_out])
@@ -500,15 +502,31 @@ class Camera:
 
         Args:
             snapshot: The world at an instant.
-            into: (h, w) float32, where the light goes; without it, it is valid until the next call.
+            into: Of `light_buffer`, where the light goes; without it, it is valid until the next
+                call.
         """
         pose = snapshot.cameras[self.place]
+        into = self._own_buffer() if into is None else into
         with self._tracing:
             viewpoint = self._viewpoint
             luminance = viewpoint.renderer.render(snapshot, pose, into)
             traced = float(viewpoint.renderer.traced_fraction)
         self._meter.lap("render")
         return RenderedFrame(snapshot, pose, luminance, viewpoint, traced)
+
+    def light_buffer(self) -> F32:
+        """(h, w) float32, memory for light: on the GPU where renderer and pixels are there."""
+        if self._pixels.on_device and isinstance(self._renderer, DeviceRenderer):
+            light: F32 = self._renderer.device_light()
+            return light
+        return on_lines(np.zeros(self._size[::-1], np.float32))
+
+    def _own_buffer(self) -> F32 | None:
+        """Memory for its light that stays on the GPU; None: it does not."""
+        on_device = self._pixels.on_device and isinstance(self._renderer, DeviceRenderer)
+        if on_device and self._stays is None:
+            self._stays = self.light_buffer()
+        return self._stays
 
     def observe_light(self, frame: RenderedFrame) -> tuple[EventPacket, ...]:
         """The other half of `observe`: the events from the last light to this."""

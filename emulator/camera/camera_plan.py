@@ -156,9 +156,10 @@ def identity_of(plan: CameraPlan, config: Mapping[str, Any]) -> dict[str, Any]:
         config: As in its StreamInfo.
     """
     tables = {key: dict(config[key]) for key in ("camera", "sensor", "render", "model")}
+    # the same bytes
     for key in ("isa", "incremental", "device"):
-        # the same bytes
         del tables["render"][key]
+    del tables["model"]["device"]
     if plan.plan != PlanConfig():
         # the same events of other arrays
         tables["plan"] = asdict(plan.plan)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator.base.gpu.driver import DEVICES, why_no_gpu
 from evs.emulator.base.protocols import EventModel
 from evs.emulator.config import ModelConfig
 from evs.emulator.sensor.parameters import ModelRequest, SensorParameters
@@ -25,13 +26,21 @@ class ModelRow:
 
     target: str
     """"module:function", imported at first use; the function takes a ModelRequest"""
+    cuda: str = ""
+    """the same on a GPU (model.device); "": there is none"""
     chunked: bool = False
     """can take several ticks at once (model.chunk): base.protocols.ChunkedModel"""
 
 
 MODELS = {
-    "plain": ModelRow("evs.emulator.sensor.pixel:plain_model"),
-    "adaptive": ModelRow("evs.emulator.sensor.pixel:adaptive_model"),
+    "plain": ModelRow(
+        "evs.emulator.sensor.pixel:plain_model",
+        cuda="evs.emulator.sensor.gpu.pixel:plain_model",
+    ),
+    "adaptive": ModelRow(
+        "evs.emulator.sensor.pixel:adaptive_model",
+        cuda="evs.emulator.sensor.gpu.pixel:adaptive_model",
+    ),
     "evsnet": ModelRow("evs.emulator.evsnet.model:evsnet_model", chunked=True),
 }
 """model.name -> its row"""
@@ -62,8 +71,32 @@ def make_event_model(
     if model.name not in MODELS:
         raise unknown("model", model.name, MODELS)
     request = ModelRequest(sensor, model, threads, spp, switches, isa)
-    made: EventModel = load(MODELS[model.name].target)(request)
+    row = MODELS[model.name]
+    made: EventModel = load(row.cuda if device_of(request) == "cuda" else row.target)(request)
     return made
+
+
+def device_of(request: ModelRequest) -> str:
+    """Where pixels run: "cpu" or "cuda".
+
+    Args:
+        request: As of a row of MODELS.
+
+    Raises:
+        EvsError: model.device is cuda, and that cannot be.
+    """
+    device = request.model.device
+    if device not in DEVICES:
+        raise unknown("model.device", device, DEVICES)
+    if device == "cpu":
+        return "cpu"
+    reason = why_no_gpu()
+    if not MODELS[request.model.name].cuda:
+        able = " and ".join(name for name, row in MODELS.items() if row.cuda)
+        reason = f"model.name is {request.model.name}, and a GPU runs {able} only"
+    if reason and device == "cuda":
+        raise EvsError(f"model.device is cuda, but {reason}; take cpu, or auto")
+    return "cpu" if reason else "cuda"
 
 
 def check_chunk(model: ModelConfig) -> None:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from evs.emulator.base.features import UNFORCED, Switches
-from evs.emulator.base.protocols import ChunkedModel
+from evs.emulator.base.protocols import ChunkedModel, DeviceModel
 from evs.emulator.base.scene import F32
 from evs.emulator.camera.event_models import check_chunk, make_event_model
 from evs.emulator.config import ModelConfig
@@ -145,6 +145,8 @@ class Pixels:
         model = self._model
         if not isinstance(model, PlainModel):
             return f"the event model is {type(model).__name__}"
+        if self.on_device:
+            return "model.device is cuda"
         if model.has_row_reads or model.features.get("causes", False):
             return "events hold their causes, or frames disturb the pixels"
         return LentPixels(model, self._state, self._readout, self._read)
@@ -163,6 +165,11 @@ class Pixels:
         model = self._make(sensor)
         self._state = model.take_over(self._state, self._model)
         self._model = model
+
+    @property
+    def on_device(self) -> bool:
+        """Whether they are on a GPU, and take light that is there."""
+        return isinstance(self._model, DeviceModel)
 
     @property
     def adjustable(self) -> tuple[str, ...]:

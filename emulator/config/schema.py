@@ -212,6 +212,9 @@ class ModelConfig:
     """evsnet: events of a pixel per tick: auto: as the network was trained | one, as in the paper:
     what a large step leaves fires in later ticks (saturation) | many: as many as the step is worth,
     at most 64"""
+    device: str = "cpu"
+    """cpu | cuda: an NVIDIA GPU (plain and adaptive, needs evs[cuda]) | auto: cuda where it can;
+    the events are the same"""
     labels: bool = False
     """label every event with its cause (signal, leak, shot noise, hot pixel), and with geom, class,
     depth and flow of what the pixel sees, in packet.labels and in .npz recordings"""

@@ -6,7 +6,7 @@ from functools import partial
 
 from evs.emulator import _core
 from evs.emulator.base.features import UNFORCED, Switches
-from evs.emulator.base.gpu.driver import why_no_gpu
+from evs.emulator.base.gpu.driver import DEVICES, why_no_gpu
 from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.scene import CameraModel, SceneModel
 from evs.emulator.config import RenderConfig
@@ -17,7 +17,6 @@ from evs.msgs import EvsError, unknown
 from evs.msgs.registry import load
 
 SAMPLERS = ("owen", "sobol", "global", "random", "anchored")
-DEVICES = ("cpu", "cuda", "auto")
 MAX_BOUNCES = 64
 MAX_CYCLE_TICKS = 16
 MAX_THREADS = 1024

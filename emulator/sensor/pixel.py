@@ -126,12 +126,17 @@ class PlainModel:
         """The state before the first tick."""
         # drawn now: the first tick may have a clock to keep
         self.array(seed)
+        return self._dark(seed)
+
+    def _dark(self, seed: int) -> PlainState:
         return PlainState.dark(seed, self.sensor, self._average is not None, self.terms)
 
     def restore(self, saved: Arrays) -> PlainState:
         """EventModel.restore."""
         state = PlainState.restore(saved)
-        fresh = self.init(state.seed).arrays()
+        # drawn now, as in init
+        self.array(state.seed)
+        fresh = self._dark(state.seed).arrays()
         ours = {name: array.shape for name, array in state.arrays().items()}
         if ours != {name: array.shape for name, array in fresh.items()}:
             raise EvsError("saved sensor state is of another sensor; restore it into its own")

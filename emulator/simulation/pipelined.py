@@ -13,9 +13,6 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import Protocol
 
-import numpy as np
-
-from evs.emulator.base.arrays import on_lines
 from evs.emulator.base.scene import F32, SceneSnapshot
 from evs.emulator.camera.camera import Camera, RenderedFrame
 from evs.emulator.simulation.world import World
@@ -205,5 +202,4 @@ def pipelined(
 
 def _buffers(cameras: Sequence[Camera]) -> Buffers:
     """An array for the light of each."""
-    shapes = [(one.info.height, one.info.width) for one in cameras]
-    return [on_lines(np.zeros(shape, np.float32)) for shape in shapes]
+    return [camera.light_buffer() for camera in cameras]

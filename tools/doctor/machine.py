@@ -52,7 +52,7 @@ def check_cores() -> Check:
 def check_gpu() -> Check:
     """An NVIDIA GPU that can render; to have none is no fault."""
     if reason := why_no_gpu():
-        return Check("gpu", NOTE, reason, "only render.device=cuda needs one")
+        return Check("gpu", NOTE, reason, "only render.device=cuda and model.device=cuda need one")
     gpu = the_gpu()
     return Check("gpu", OK, f"{gpu.name}, compute capability {gpu.architecture / 10}")
 

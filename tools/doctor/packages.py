@@ -53,7 +53,7 @@ USES = {
     "ros2": ".mcap and .bag recordings, ROS 2",
     "cluster": "jobs on a Ray cluster",
     "completion": "evs completion",
-    "cuda": "render.device=cuda",
+    "cuda": "render.device=cuda, model.device=cuda",
 }
 """extra -> what it is for"""
 

@@ -15,9 +15,10 @@ import numpy.typing as npt
 
 from evs.msgs import EvsError
 
-U8 = npt.NDArray[np.uint8]
-
 INSTALL = "pip install 'evs[cuda]'"
+
+DEVICES = ("cpu", "cuda", "auto")
+"""where what a key `device` names may run; auto: on a GPU where that can be"""
 
 
 _process: list[int] = []
@@ -124,7 +125,7 @@ class Gpu:
         """Let this thread of Python use it."""
         self.checked(self._driver.cuCtxSetCurrent(self._context))
 
-    def free(self, call: Any, address: int) -> None:
+    def free(self, call: Any, address: Any) -> None:
         """Free memory in any thread. What fails here has been freed with the process."""
         self._driver.cuCtxSetCurrent(self._context)
         call(address)
@@ -137,13 +138,28 @@ class Gpu:
         """An array of zeros that it copies from and to at full speed."""
         return np.asarray(_PinnedMemory(self, shape, np.dtype(dtype)))
 
-    def upload(self, memory: DeviceMemory, source: U8) -> None:
-        """Copy an array there, after all that was launched; it must not change meanwhile."""
+    def upload(self, memory: DeviceMemory, source: npt.NDArray[Any]) -> None:
+        """Copy an array there, after all that was launched.
+
+        Args:
+            memory: Where to, from its first byte on.
+            source: It must not change before the copy is done.
+        """
         self.checked(
             self._driver.cuMemcpyHtoDAsync(
                 memory.address, source.ctypes.data, source.nbytes, self._stream
             )
         )
+
+    def copy(self, target: DeviceMemory, source: DeviceMemory, size: int) -> None:
+        """Copy so many bytes on it."""
+        self.checked(
+            self._driver.cuMemcpyDtoDAsync(target.address, source.address, size, self._stream)
+        )
+
+    def mark(self) -> Mark:
+        """What can be waited for: all that was launched so far."""
+        return Mark(self)
 
     def download(self, target: npt.NDArray[Any], memory: DeviceMemory) -> None:
         """Copy to an array, and wait for it."""
@@ -184,6 +200,29 @@ class Gpu:
                 kernel, x, y, z, threads, 1, 1, 0, self._stream, pointers.ctypes.data, 0
             )
         )
+
+
+class Mark:
+    """A place among what is launched on a GPU."""
+
+    def __init__(self, gpu: Gpu) -> None:
+        """Behind all that was launched so far."""
+        self._gpu = gpu
+        # without a clock
+        self._event = gpu.checked(gpu._driver.cuEventCreate(2))
+        gpu.checked(gpu._driver.cuEventRecord(self._event, gpu._stream))
+
+    def move(self) -> None:
+        """Behind all that was launched so far."""
+        self._gpu.checked(self._gpu._driver.cuEventRecord(self._event, self._gpu._stream))
+
+    def wait(self) -> None:
+        """Wait until the GPU has passed it."""
+        self._gpu.checked(self._gpu._driver.cuEventSynchronize(self._event))
+
+    def __del__(self) -> None:
+        if hasattr(self, "_event"):
+            self._gpu.free(self._gpu._driver.cuEventDestroy, self._event)
 
 
 class DeviceMemory:

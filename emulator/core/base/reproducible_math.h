@@ -13,6 +13,13 @@
 #define EVS_ALWAYS_INLINE inline
 #endif
 
+// what a GPU calls, since inlined it would take long to compile
+#ifdef EVS_ON_DEVICE
+#define EVS_CALL_ON_DEVICE __noinline__
+#else
+#define EVS_CALL_ON_DEVICE
+#endif
+
 namespace evs {
 
 // holds ? a : b without a branch, so that the compiler vectorises it.

@@ -70,21 +70,50 @@ class BoundPixels {
     arrays.reference = pixels(state.reference);
     arrays.last_log = pixels(state.last_log);
     arrays.last_luminance = pixels(state.last_luminance);
-    arrays.filtered = needed(settings_.lowpass(), pixels(state.filtered));
-    arrays.followed = needed(settings_.follower > 0.0, pixels(state.followed));
-    arrays.blind_until = needed(settings_.refractory > 0, pixels(state.blind_until));
+    arrays.filtered = pixels(state.filtered);
+    arrays.followed = pixels(state.followed);
+    arrays.blind_until = pixels(state.blind_until);
+    arrays.noise_budget = pixels(state.noise_budget);
+    arrays.noise_mean = pixels(state.noise_mean);
+    arrays.noise_memory = pixels(state.noise_memory);
+    arrays.running_mean.mean = pixels(state.mean);
+    arrays.running_mean.noise = pixels(state.noise);
+    arrays.running_mean.drift = pixels(state.drift);
+    arrays.due_us = blocks(state.due_us);
+    arrays.since_us = blocks(state.since_us);
+    arrays.shot = {blocks(state.shot_next), blocks(state.shot_count)};
+    return needed(arrays);
+  }
+
+  // Of the arrays of a state those whose terms are on. Throws std::invalid_argument where one is
+  // not there.
+  PixelArrays needed(PixelArrays arrays) const {
+    arrays.filtered = needed(settings_.lowpass(), arrays.filtered);
+    arrays.followed = needed(settings_.follower > 0.0, arrays.followed);
+    arrays.blind_until = needed(settings_.refractory > 0, arrays.blind_until);
     const bool photon = settings_.photon.scale > 0.0;
-    arrays.noise_budget = needed(photon, pixels(state.noise_budget));
-    arrays.noise_mean = needed(photon, pixels(state.noise_mean));
-    arrays.noise_memory = needed(photon, pixels(state.noise_memory));
-    arrays.running_mean.mean = needed(settings_.running_mean, pixels(state.mean));
-    arrays.running_mean.noise = needed(settings_.running_mean, pixels(state.noise));
-    arrays.running_mean.drift = needed(settings_.running_mean, pixels(state.drift));
-    arrays.due_us = needed(skips(), blocks(state.due_us));
-    arrays.since_us = needed(skips(), blocks(state.since_us));
+    arrays.noise_budget = needed(photon, arrays.noise_budget);
+    arrays.noise_mean = needed(photon, arrays.noise_mean);
+    arrays.noise_memory = needed(photon, arrays.noise_memory);
+    RunningMean& average = arrays.running_mean;
+    average.mean = needed(settings_.running_mean, average.mean);
+    average.noise = needed(settings_.running_mean, average.noise);
+    average.drift = needed(settings_.running_mean, average.drift);
+    arrays.due_us = needed(skips(), arrays.due_us);
+    arrays.since_us = needed(skips(), arrays.since_us);
     const bool shot = settings_.shot.on != nullptr;
-    arrays.shot.next = needed(shot, blocks(state.shot_next));
-    arrays.shot.count = needed(shot, blocks(state.shot_count));
+    arrays.shot.next = needed(shot, arrays.shot.next);
+    arrays.shot.count = needed(shot, arrays.shot.count);
+    return arrays;
+  }
+
+  // With the gains of the running mean after so many ticks.
+  PixelArrays with_gains(PixelArrays arrays, int64_t ticks) const {
+    const float first = 1.0f / static_cast<float>(ticks + 1);
+    arrays.running_mean.noise_gain = std::max(settings_.noise_gain, first);
+    arrays.running_mean.drift_gain = settings_.drift_gain;
+    arrays.running_mean.noise_weight = settings_.noise_weight;
+    arrays.running_mean.least_gain = std::max(settings_.least_gain, first);
     return arrays;
   }
 
@@ -103,6 +132,7 @@ class BoundPixels {
                       MaybeBlocks shot_count, std::optional<Array<const int32_t, 2>> row_reads,
                       bool all_due);
 
+  const PixelArray& array() const { return *array_; }
   size_t width() const { return width_; }
   size_t height() const { return height_; }
   bool causes() const { return settings_.causes; }

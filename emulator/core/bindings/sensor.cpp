@@ -143,12 +143,7 @@ BoundPixels::~BoundPixels() = default;
 
 EventBuffer BoundPixels::step(PixelArrays arrays, const Tick& tick, int64_t t_begin_us,
                               int64_t ticks, size_t& clamped) {
-  const float first = 1.0f / static_cast<float>(ticks + 1);
-  arrays.running_mean.noise_gain = std::max(settings_.noise_gain, first);
-  arrays.running_mean.drift_gain = settings_.drift_gain;
-  arrays.running_mean.noise_weight = settings_.noise_weight;
-  arrays.running_mean.least_gain = std::max(settings_.least_gain, first);
-  return array_->step(arrays, tick, t_begin_us, clamped);
+  return array_->step(with_gains(arrays, ticks), tick, t_begin_us, clamped);
 }
 
 nb::tuple BoundPixels::step_tick(FrameIn<float> luminance, int64_t t_begin_us, int64_t clock_us,

@@ -1,38 +1,12 @@
 #include "device_frame.h"
 
 #include <algorithm>
-#include <cstring>
 #include <memory>
 #include <vector>
 
 #include "integrators/blend.h"
 
 namespace evs {
-
-// Arrays one after another, as they will lie from an address on.
-class DeviceFrame::Block {
- public:
-  // out: where they are copied to; null: they are only counted.
-  Block(uint64_t address, char* out) : address_(address), out_(out) {}
-
-  uint64_t bytes() const { return bytes_; }
-
-  // Append an array. Returns where it will lie.
-  template <class T>
-  const T* put(const T* from, size_t count) {
-    if (!from || count == 0) return nullptr;
-    constexpr uint64_t ALIGNMENT = 256;
-    bytes_ = (bytes_ + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
-    uint64_t at = bytes_;
-    bytes_ += count * sizeof(T);
-    if (out_) std::memcpy(out_ + at, from, count * sizeof(T));
-    return reinterpret_cast<const T*>(address_ + at);
-  }
-
- private:
-  uint64_t address_, bytes_ = 0;
-  char* out_;
-};
 
 Caster::DeviceInputs Caster::device_inputs() const {
   DeviceInputs inputs = {frame_, {}, paths_, appearance_, {}, bvh_->geoms()};
@@ -56,25 +30,25 @@ void Caster::place_for_device(const Poses& poses) {
 }
 
 DeviceFrame::DeviceFrame(Caster& caster) : caster_(caster) {
-  Block constant(0, nullptr), tick(0, nullptr);
+  DeviceBlock constant(0, nullptr), tick(0, nullptr);
   lay_out(constant, tick);
   constant_bytes_ = constant.bytes();
   tick_bytes_ = tick.bytes();
 }
 
 void DeviceFrame::copy_constant(uint64_t address, char* out) const {
-  Block constant(address, out), tick(0, nullptr);
+  DeviceBlock constant(address, out), tick(0, nullptr);
   lay_out(constant, tick);
 }
 
 void DeviceFrame::copy_tick(const Poses& poses, uint64_t constant, uint64_t tick, char* out,
                             DeviceArguments& arguments) const {
   caster_.place_for_device(poses);
-  Block stays(constant, nullptr), changes(tick, out);
+  DeviceBlock stays(constant, nullptr), changes(tick, out);
   arguments = lay_out(stays, changes);
 }
 
-DeviceArguments DeviceFrame::lay_out(Block& constant, Block& tick) const {
+DeviceArguments DeviceFrame::lay_out(DeviceBlock& constant, DeviceBlock& tick) const {
   Caster::DeviceInputs inputs = caster_.device_inputs();
   Frame f = inputs.frame;
   const Appearance& appearance = inputs.appearance;

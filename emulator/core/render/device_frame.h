@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "caster.h"
+#include "device_block.h"
 
 namespace evs {
 
@@ -32,8 +33,7 @@ class DeviceFrame {
                  DeviceArguments& arguments) const;
 
  private:
-  class Block;
-  DeviceArguments lay_out(Block& constant, Block& tick) const;
+  DeviceArguments lay_out(DeviceBlock& constant, DeviceBlock& tick) const;
 
   Caster& caster_;
   uint64_t constant_bytes_, tick_bytes_;

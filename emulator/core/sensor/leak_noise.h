@@ -27,7 +27,7 @@ EVS_ALWAYS_INLINE void apply_skipped_leak(const PixelStep& step, size_t first, s
       static_cast<double>(step.tick.begin_us - step.arrays.since_us[first / kBlock]);
   if (skipped_us == 0.0) return;
   const float* light =
-      (step.settings.running_mean ? step.arrays.running_mean.mean : step.arrays.last_luminance) +
+      (step.settings.averages() ? step.arrays.running_mean.mean : step.arrays.last_luminance) +
       first;
   double* reference = step.arrays.reference + first;
   for (size_t i = 0; i < count; i++) {

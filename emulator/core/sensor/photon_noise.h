@@ -147,7 +147,9 @@ struct PassageTable {
   float loss[kCells + 1];
   uint16_t starts[kStarts];  // cell of a loss, by its leading bits, or one before
 
-  PassageTable() {
+  PassageTable() { fill(); }
+
+  void fill() {
     for (int k = 0; k <= kCells; k++) {
       const float x = static_cast<float>(k) * (16.0f / kCells) - 8.0f;
       const float within = std::clamp(x, -3.0f, 7.0f);
@@ -195,7 +197,13 @@ struct PassageTable {
   static constexpr uint32_t kFirstStart = (127u - 58u) << 4;  // of 2^-58
 };
 
+#ifdef EVS_ON_DEVICE
+// a device runs no constructors: its kernel `prepare` fills the table
+alignas(PassageTable) __device__ char kPassageTableMemory[sizeof(PassageTable)];
+#define kPassageTable (*reinterpret_cast<const PassageTable*>(kPassageTableMemory))
+#else
 inline const PassageTable kPassageTable;
+#endif
 
 // Deviations, limited on both sides. A NaN, of a pixel without a threshold, counts as the farthest.
 template <class Real>

@@ -17,6 +17,25 @@
 #include "running_mean.h"
 #include "shot_noise.h"
 
+// The terms that a sensor may have. A GPU's kernels are compiled without those that it has not.
+#ifndef EVS_PHOTON_NOISE
+#define EVS_PHOTON_NOISE 1
+#endif
+#ifndef EVS_SHOT_NOISE
+#define EVS_SHOT_NOISE 1
+#endif
+#ifndef EVS_RUNNING_MEAN
+#define EVS_RUNNING_MEAN 1
+#endif
+// its LogKind; -1: any
+#ifndef EVS_LOG
+#define EVS_LOG -1
+#endif
+// how its filters step, 0: as poles, 1: euler, 2: large_signal; -1: any
+#ifndef EVS_FILTER
+#define EVS_FILTER -1
+#endif
+
 namespace evs {
 
 // The parameters that all pixels of a sensor share.
@@ -41,6 +60,10 @@ struct PixelSettings {
   ShotNoise shot;
   PhotonNoise photon;
 
+  LogKind log() const { return EVS_LOG < 0 ? map.kind : static_cast<LogKind>(EVS_LOG); }
+  bool steps_as_euler() const { return EVS_FILTER < 0 ? euler : EVS_FILTER == 1; }
+  bool steps_by_large_signal() const { return EVS_FILTER < 0 ? large_signal : EVS_FILTER == 2; }
+  bool averages() const { return EVS_RUNNING_MEAN && running_mean; }
   bool lowpass() const { return lowpass_low > 0.0 || lowpass_slope > 0.0; }
   // Whether a high pass moves references; one that is forced on and idle has a rate of 1e-300.
   bool references_follow() const { return highpass > 1e-290; }
@@ -74,6 +97,9 @@ struct PixelArrays {
   int64_t* due_us = nullptr;    // no event before this time if light is constant
   int64_t* since_us = nullptr;  // the references include the leak up to this time
   ShotClock shot{nullptr, nullptr};
+
+  bool photon_noise() const { return EVS_PHOTON_NOISE && noise_budget != nullptr; }
+  bool shot_noise() const { return EVS_SHOT_NOISE && shot.next != nullptr; }
 };
 
 struct Tick {
@@ -90,11 +116,11 @@ inline uint32_t refractory_us(const PixelSettings& settings, const PixelPattern&
   return pattern.refractory == nullptr ? settings.refractory : pattern.refractory[pixel];
 }
 
-// The inputs and constants of one tick.
+// The inputs and constants of one tick: plain values and pointers, as a GPU takes them.
 struct PixelStep {
-  const PixelSettings& settings;
-  const PixelPattern& pattern;
-  const PixelArrays& arrays;
+  PixelSettings settings;
+  PixelPattern pattern;
+  PixelArrays arrays;
   const double* shot_bounds;  // Hz, of each block
   Tick tick;
   float safe_below;     // luminance in [0, this) is usable whatever the settings

@@ -94,11 +94,18 @@ class PixelArray {
 
   size_t pixels() const { return pixels_; }
   size_t blocks() const { return (pixels_ + kBlock - 1) / kBlock; }
+  const PixelSettings& settings() const { return settings_; }
+  const PixelPattern& pattern() const { return pattern_; }
+  const std::vector<double>& shot_bounds() const { return shot_bounds_; }
+
+  PixelStep prepare(const PixelArrays& arrays, const Tick& tick) const {
+    return prepare_step(settings_, pattern_, arrays, shot_bounds_.data(), tick);
+  }
 
   // Sorted events of the tick that begins at t_begin_us; tick.us < 2^28. Out: `clamped`, pixels
   // that kept their last value because their luminance was unusable.
   EventBuffer step(const PixelArrays& arrays, Tick tick, int64_t t_begin_us, size_t& clamped) {
-    const PixelStep step = prepare_step(settings_, pattern_, arrays, shot_bounds_.data(), tick);
+    const PixelStep step = prepare(arrays, tick);
     // step the bands; they do not depend on the number of threads, and are merged in order
     pool_.run(static_cast<int>(crossings_.size()), [&](int band, int) {
       const size_t index = static_cast<size_t>(band);
@@ -122,7 +129,7 @@ class PixelArray {
   void settle(const PixelArrays& arrays, int64_t clock_us) const {
     if (arrays.since_us == nullptr) return;
     const Tick tick{nullptr, clock_us, 1};
-    const PixelStep step = prepare_step(settings_, pattern_, arrays, shot_bounds_.data(), tick);
+    const PixelStep step = prepare(arrays, tick);
     for (size_t first = 0; first < pixels_; first += kBlock) {
       const size_t count = std::min(kBlock, pixels_ - first);
       use_up_skipped_budgets(step, first, count);

@@ -47,15 +47,16 @@ inline double first_noise(const PixelStep& step, size_t pixel, float dn, double&
 
 // The comparators of a pixel in any state: at a threshold, without a reference, or with noise.
 template <bool NOISY>
-void compare(const PixelStep& step, size_t pixel, float from, float to, float dn, double reference,
-             double drift, const BudgetScratch& budgets, const std::vector<ShotCandidate>& shots,
-             std::vector<Crossing>& out) {
+EVS_CALL_ON_DEVICE void compare(const PixelStep& step, size_t pixel, float from, float to, float dn,
+                                double reference, double drift, const BudgetScratch& budgets,
+                                const std::vector<ShotCandidate>& shots,
+                                std::vector<Crossing>& out) {
   const PixelPattern& pattern = step.pattern;
   const PixelArrays& arrays = step.arrays;
   if (reference != reference && arrays.last_log[pixel] != arrays.last_log[pixel]) {
     // start from the first light
     double phase = pattern.phase == nullptr ? 0.0 : pattern.phase[pixel];
-    const bool begins = arrays.noise_budget != nullptr && to == to;  // else there is no light yet
+    const bool begins = arrays.photon_noise() && to == to;  // else there is no light yet
     const double noise = begins ? first_noise(step, pixel, dn, phase) : 0.0;
     arrays.reference[pixel] = on_grid(to - phase + noise);
     return;
@@ -76,13 +77,13 @@ void compare(const PixelStep& step, size_t pixel, float from, float to, float dn
   if (was_refractory) comparators.blind_until = arrays.blind_until[pixel];
   if (pattern.hot != nullptr && pattern.hot[pixel] != 0) comparators.drift_cause = Cause::hot;
   comparators.crosstalk = step.settings.aps_crosstalk;
-  if (NOISY && step.settings.shot.on != nullptr) {
+  if (NOISY && arrays.shot_noise()) {
     comparators.shot_on = step.settings.shot.on[pixel];
     comparators.shot_off = step.settings.shot.off[pixel];
     comparators.rate_scale = step.settings.shot.rate_scale(dn);
   }
   const uint32_t index = static_cast<uint32_t>(pixel % kBlock);
-  if (arrays.noise_budget != nullptr) {
+  if (arrays.photon_noise()) {
     const bool leaks = pattern.leak != nullptr;
     const bool still = from == to && !step.settings.references_follow();
     // that of a still pixel must not depend on the tick
@@ -169,8 +170,8 @@ inline StillNoise still_noise(const PixelStep& step, size_t pixel, double signal
 }
 
 // For how long the budget of a still pixel lasts for certain, us after `end_us`.
-inline double noise_lasts(const PixelStep& step, size_t pixel, double signal, float dn,
-                          int64_t end_us) {
+EVS_CALL_ON_DEVICE inline double noise_lasts(const PixelStep& step, size_t pixel, double signal,
+                                             float dn, int64_t end_us) {
   const StillNoise still = still_noise(step, pixel, signal, dn, end_us);
   for (int64_t us = int64_t{1} << 24; us > 500; us >>= 2) {
     if (still.bound(end_us + us) < step.arrays.noise_budget[pixel]) return static_cast<double>(us);
@@ -182,11 +183,11 @@ inline double noise_lasts(const PixelStep& step, size_t pixel, double signal, fl
 // of those ticks.
 EVS_ALWAYS_INLINE void use_up_skipped_budgets(const PixelStep& step, size_t first, size_t count) {
   const PixelArrays& arrays = step.arrays;
-  if (arrays.noise_budget == nullptr) return;
+  if (!arrays.photon_noise()) return;
   const int64_t since_us = arrays.since_us[first / kBlock];
   if (since_us == step.tick.begin_us) return;
   const float* light =
-      (step.settings.running_mean ? arrays.running_mean.mean : arrays.last_luminance);
+      (step.settings.averages() ? arrays.running_mean.mean : arrays.last_luminance);
   const float* signal = step.settings.follower > 0.0 ? arrays.followed : arrays.filtered;
   for (size_t i = first; i < first + count; i++) {
     if (!(arrays.reference[i] == arrays.reference[i])) continue;
@@ -198,15 +199,15 @@ EVS_ALWAYS_INLINE void use_up_skipped_budgets(const PixelStep& step, size_t firs
 
 // Time by the sensor's clock up to which a block has no event if its light is constant and its
 // filters have settled.
-inline int64_t quiet_until(const PixelStep& step, size_t first, size_t count, const float* signal,
-                           const float* dn) {
+EVS_CALL_ON_DEVICE inline int64_t quiet_until(const PixelStep& step, size_t first, size_t count,
+                                              const float* signal, const float* dn) {
   constexpr double kFar = 0x1p61;
   const int64_t end = step.tick.begin_us + step.tick.us;
   double soonest = kFar;
   int64_t refractory_end = std::numeric_limits<int64_t>::max();
   for (size_t i = 0; i < count; i++) {
     const double r = step.arrays.reference[first + i];
-    if (step.arrays.noise_memory != nullptr && step.arrays.noise_memory[first + i] > 0.0f) {
+    if (step.arrays.photon_noise() && step.arrays.noise_memory[first + i] > 0.0f) {
       return end;
     }
     if (r != r) {
@@ -218,7 +219,7 @@ inline int64_t quiet_until(const PixelStep& step, size_t first, size_t count, co
       continue;
     }
     // photon noise: as long as the budget lasts for certain
-    if (step.arrays.noise_budget != nullptr) {
+    if (step.arrays.photon_noise()) {
       const double lasts = noise_lasts(step, first + i, signal[i], dn[i], end);
       soonest = lasts < soonest ? lasts : soonest;
     }
@@ -284,7 +285,7 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
 
   // draw candidates for shot noise
   shots.clear();
-  if (arrays.shot.next != nullptr && arrays.shot.next[block] <= end_us * kShotUnits) {
+  if (arrays.shot_noise() && arrays.shot.next[block] <= end_us * kShotUnits) {
     draw_candidates(step.settings.shot, {arrays.shot.next + block, arrays.shot.count + block},
                     block, count, step.shot_bounds[block], step.tick.begin_us, end_us, shots);
   }
@@ -297,7 +298,7 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
   if (!changed && !due) {
     // in a block that is otherwise quiet, drop the candidates that are rejected
     const float* light =
-        step.settings.running_mean ? arrays.running_mean.mean + first : last_luminance;
+        step.settings.averages() ? arrays.running_mean.mean + first : last_luminance;
     std::erase_if(shots, [&](const ShotCandidate& shot) {
       return !accepts(step, first, shot, to_dn(step.settings.map, light[shot.pixel]));
     });
@@ -325,7 +326,7 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
     }
   }
   uint64_t at_threshold = 0;
-  const bool photon_noise = arrays.noise_budget != nullptr;
+  const bool photon_noise = arrays.photon_noise();
   if (drifts) reference_drift(step, first, count, signal, s, changed);
   if (photon_noise) {
     noisy |= read;

@@ -57,9 +57,9 @@ EVS_ALWAYS_INLINE size_t log_intensity(const PixelStep& step, size_t first, size
   const float* __restrict luminance = step.tick.luminance + first;
   const float* __restrict last = step.arrays.last_luminance + first;
   const float* __restrict last_log = step.arrays.last_log + first;
-  const float largest = step.settings.running_mean ? kLargestMean : kLargest;
+  const float largest = step.settings.averages() ? kLargestMean : kLargest;
   // all luminance is usable: only map it
-  if (safe && !step.settings.running_mean) {
+  if (safe && !step.settings.averages()) {
     for (size_t i = 0; i < count; i++) {
       s.luminance[i] = luminance[i];
       s.dn[i] = to_dn(map, luminance[i]);
@@ -81,12 +81,12 @@ EVS_ALWAYS_INLINE size_t log_intensity(const PixelStep& step, size_t first, size
   }
   // average, then map to log intensity
   const float* light = s.luminance;
-  if (step.settings.running_mean) {
+  if (step.settings.averages()) {
     changed |=
         update_running_mean(step.arrays.running_mean, s.luminance, last, first, count, s.mean);
     light = s.mean;
   }
-  if (clamped != 0 || step.settings.running_mean) {
+  if (clamped != 0 || step.settings.averages()) {
     for (size_t i = 0; i < count; i++) s.dn[i] = to_dn(map, light[i]);
   }
   for (size_t i = 0; i < count; i++) s.log_part[i] = log_part<kind>(map, s.dn[i]);
@@ -101,7 +101,7 @@ EVS_ALWAYS_INLINE size_t log_intensity(const PixelStep& step, size_t first, size
 // The same for the kind of this sensor, which is chosen once a block.
 EVS_ALWAYS_INLINE size_t log_intensity(const PixelStep& step, size_t first, size_t count,
                                        Scratch& s, bool safe, bool& changed) {
-  switch (step.settings.map.kind) {
+  switch (step.settings.log()) {
     case LogKind::linlog:
       return log_intensity<LogKind::linlog>(step, first, count, s, safe, changed);
     case LogKind::log_eps:
@@ -144,7 +144,7 @@ struct Signal {
 EVS_ALWAYS_INLINE Signal limit_bandwidth(const PixelStep& step, size_t first, size_t count,
                                          Scratch& s, bool& changed) {
   const float* last_log = step.arrays.last_log + first;
-  const bool euler = step.settings.euler;
+  const bool euler = step.settings.steps_as_euler();
   Signal signal{last_log, s.log};
   // photoreceptor: a pole in proportion to light
   if (step.settings.lowpass()) {
@@ -162,7 +162,7 @@ EVS_ALWAYS_INLINE Signal limit_bandwidth(const PixelStep& step, size_t first, si
     };
     if (euler) {
       filter(euler_step, last_log, s.log, last_log, s.log, state, count, s.from[0], changed);
-    } else if (step.settings.large_signal) {
+    } else if (step.settings.steps_by_large_signal()) {
       for (size_t i = 0; i < count; i++) {
         s.a[i] = large_signal(low + slope * dn[i], state[i], last_log[i], s.log[i]);
       }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator.base.gpu.arrays import DeviceLight
 from evs.emulator.base.gpu.compiler import kernels_of
 from evs.emulator.base.gpu.driver import the_gpu
 from evs.emulator.base.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
@@ -54,7 +55,7 @@ class CudaDirectRenderer(DirectRenderer):
         """As of DirectRenderer."""
         there = self._there
         there.upload(self._place(snapshot, pose))
-        light = there.light.argument
+        light = there.target(into)
         if there.adaptive:
             first, second = self._kernels
             untextured = self._untextured.argument
@@ -63,6 +64,10 @@ class CudaDirectRenderer(DirectRenderer):
         else:
             there.launch(self._kernels[0], there.frame, light)
         return there.download(into)
+
+    def device_light(self) -> DeviceLight:
+        """As of DeviceRenderer."""
+        return self._there.device_light()
 
     @property
     def features(self) -> dict[str, bool]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator.base.gpu.arrays import DeviceLight
 from evs.emulator.base.gpu.compiler import kernels_of
 from evs.emulator.base.gpu.driver import DeviceMemory, the_gpu
 from evs.emulator.base.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
@@ -75,15 +76,17 @@ class CudaPathRenderer(PathRenderer):
         self._noise = self._noise_of(snapshot)
         there = self._there
         there.upload(self._place(snapshot, pose), self._noise)
-        radiance, sums, light = (
-            memory.argument for memory in (self._radiance, self._sums, there.light)
-        )
+        radiance, sums, light = self._radiance.argument, self._sums.argument, there.target(into)
         for begin in range(0, self._samples, self._at_once):
             count = min(self._at_once, self._samples - begin)
             first, many = np.array([begin], np.int32), np.array([count], np.int32)
             there.launch(self._trace, there.frame, there.paths, first, radiance, deep=count)
             there.launch(self._add, there.frame, first, many, radiance, sums, light)
         return there.download(into)
+
+    def device_light(self) -> DeviceLight:
+        """As of DeviceRenderer."""
+        return self._there.device_light()
 
     @property
     def features(self) -> dict[str, bool]:

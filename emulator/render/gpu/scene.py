@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator import _core
+from evs.emulator.base.gpu.arrays import DeviceLight
 from evs.emulator.base.gpu.driver import DeviceMemory, Gpu
 from evs.emulator.base.scene import F32, F64
 
@@ -39,11 +40,12 @@ class UploadedScene:
         gpu.wait()
         self._tick = gpu.allocate(layout.tick_bytes)
         self._staged = gpu.pinned((layout.tick_bytes,), np.uint8)
+        self._uploaded = gpu.mark()
         self._arguments = np.zeros(layout.argument_bytes, np.uint8)
         starts = layout.argument_offsets
         self.frame, self.first_pass, self.paths = (self._arguments[at:] for at in starts)
         """(bytes,) uint8, arguments of kernels"""
-        height, width = shape
+        self._shape = height, width = shape
         self.blocks = (width + 7) // 8, (height + 15) // 16
         """how many of THREADS hold the image, along x and y"""
         self.luminance = gpu.pinned(shape, np.float32)
@@ -59,6 +61,8 @@ class UploadedScene:
             seed: Of the tick's noise.
         """
         self._gpu.use()
+        # what was staged before may be on its way
+        self._uploaded.wait()
         self._layout.copy_tick(
             *placed,
             constant=self._constant.address,
@@ -68,16 +72,34 @@ class UploadedScene:
             seed=seed,
         )
         self._gpu.upload(self._tick, self._staged)
+        self._uploaded.move()
 
-    def download(self, into: F32 | None) -> F32:
-        """Wait for the light.
+    def device_light(self) -> DeviceLight:
+        """Other memory for light on the GPU."""
+        return DeviceLight(self._gpu, self._shape)
+
+    def target(self, into: object) -> npt.NDArray[np.uint64]:
+        """Where the kernels write the light, as a parameter of theirs.
 
         Args:
-            into: (h, w) float32, where it goes; None: `luminance`.
+            into: As of `download`.
+        """
+        memory = into.memory if isinstance(into, DeviceLight) else self.light
+        return memory.argument
+
+    def download(self, into: F32 | None) -> F32:
+        """Wait for the light, unless it stays on the GPU.
+
+        Args:
+            into: (h, w) float32, where it goes; a DeviceLight, where it is already; None:
+                `luminance`.
 
         Returns:
-            (h, w) float32.
+            (h, w) float32, `into` where that is given.
         """
+        if isinstance(into, DeviceLight):
+            into.changed()
+            return into  # NumPy takes it as an array
         self._gpu.download(self.luminance, self.light)
         if into is None:
             return self.luminance

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gpu.stand_in import StandInGpu
+from gpu.stand_in import StandInGpu, stand_in
 
 import evs
 from evs.emulator.base.gpu import driver
@@ -28,14 +28,7 @@ SWING = Path(__file__).parents[3] / "config/scenes/pendulum.xml"
 @pytest.fixture
 def device(monkeypatch: pytest.MonkeyPatch) -> StandInGpu | None:
     """The stand-in, which must be told the image's shape; None: a GPU renders."""
-    if not driver.why_no_gpu():
-        return None
-    gpu = StandInGpu()
-    for module in (direct, path):
-        monkeypatch.setattr(module, "the_gpu", lambda: gpu)
-    monkeypatch.setattr("evs.emulator.base.gpu.compiler.cached_kernel", lambda *told: b"")
-    monkeypatch.setattr("evs.emulator.render.selection.why_no_gpu", lambda: "")
-    return gpu
+    return stand_in(monkeypatch, direct, path)
 
 
 def on_device(device: StandInGpu | None, stage: RandomStage, **render: Any) -> Renderer:

@@ -1,32 +1,14 @@
-"""The kernels of one lane as code for GPUs: no fma, nothing approximate, denormals flushed.
-
-Needs NVRTC (`pip install nvidia-cuda-nvrtc cuda-bindings`), but no GPU.
-"""
+"""The kernels of light as code for GPUs: no fma, nothing approximate, denormals flushed."""
 
 from __future__ import annotations
 
 import re
 
 import pytest
+from gpu.compile import compiled
+from gpu.ptx import faults
 
-nvrtc = pytest.importorskip("cuda.bindings.nvrtc", reason="no NVRTC: pip install cuda-bindings")
-try:
-    nvrtc.nvrtcVersion()
-except RuntimeError as error:
-    pytest.skip(f"no NVRTC: {error}", allow_module_level=True)
-
-from gpu.compile import compiled  # noqa: E402
-
-from evs.emulator.base.gpu.compiler import SAME_BYTES  # noqa: E402
-
-ARITHMETIC = re.compile(r"\b(?:add|sub|mul|div|sqrt|min|max|abs|neg|setp)\.[\w.]*f32\b")
-OTHER_ROUNDING = re.compile(r"\b(?:fma|mad\.r\w|\w+\.approx)[\w.]*")
-
-
-def faults(ptx: str) -> list[str]:
-    """Instructions that a CPU has no equal for."""
-    unlike = [word for word in ARITHMETIC.findall(ptx) if ".ftz" not in word]
-    return sorted({*unlike, *OTHER_ROUNDING.findall(ptx)})
+from evs.emulator.base.gpu.compiler import SAME_BYTES
 
 
 @pytest.mark.parametrize("architecture", [75, 80, 90, 120])

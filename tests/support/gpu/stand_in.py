@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 
 from evs.emulator import _core
+from evs.emulator.base.gpu import compiler, driver
+from evs.emulator.camera import event_models
+from evs.emulator.render import selection
 
 
 class StandInMemory:
@@ -22,6 +27,16 @@ class StandInMemory:
     @property
     def argument(self) -> npt.NDArray[np.uint64]:
         return np.array([self.address], np.uint64)
+
+
+class StandInMark:
+    """As evs.emulator.base.gpu.driver.Mark: whatever was launched is done."""
+
+    def move(self) -> None:
+        pass
+
+    def wait(self) -> None:
+        pass
 
 
 class StandInGpu:
@@ -41,15 +56,21 @@ class StandInGpu:
     def wait(self) -> None:
         pass
 
+    def mark(self) -> StandInMark:
+        return StandInMark()
+
+    def copy(self, target: StandInMemory, source: StandInMemory, size: int) -> None:
+        target.bytes[:size] = source.bytes[:size]
+
     def allocate(self, size: int) -> StandInMemory:
         return StandInMemory(size)
 
     def pinned(self, shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         return np.zeros(shape, dtype)
 
-    def upload(self, memory: StandInMemory, source: npt.NDArray[np.uint8]) -> None:
+    def upload(self, memory: StandInMemory, source: npt.NDArray[Any]) -> None:
         assert source.nbytes <= memory.bytes.nbytes
-        memory.bytes[: source.nbytes] = source
+        memory.bytes[: source.nbytes] = source.reshape(-1).view(np.uint8)
         self.uploaded += source.nbytes
 
     def download(self, target: npt.NDArray[Any], memory: StandInMemory) -> None:
@@ -65,7 +86,12 @@ class StandInGpu:
     def launch(
         self, kernel: str, blocks: Sequence[int], threads: int, *arguments: npt.NDArray[Any]
     ) -> None:
-        """All the work of a tick in its last kernel."""
+        """All the work of a frame in its last kernel."""
+        if kernel == "step_blocks":
+            _core.step_device_pixels(arguments[0])
+        if kernel == "pack_crossings":
+            argument, _, found, room, packed = arguments
+            _core.pack_device_crossings(argument, int(found[0]), int(room[0]), int(packed[0]))
         if kernel in ("direct", "first_pass", "trace_samples"):
             # the parameter is a part of all arguments, from its own on
             base = arguments[0].base
@@ -80,3 +106,16 @@ class StandInGpu:
 
     shape = (0, 0)
     """height and width of the image, which a test says"""
+
+
+def stand_in(monkeypatch: pytest.MonkeyPatch, *modules: ModuleType) -> StandInGpu | None:
+    """Let a stand-in take the place of the GPU in modules; None: there is a GPU, and it stays."""
+    if not driver.why_no_gpu():
+        return None
+    gpu = StandInGpu()
+    for module in modules:
+        monkeypatch.setattr(module, "the_gpu", lambda: gpu)
+    monkeypatch.setattr(compiler, "cached_kernel", lambda *told: b"")
+    for chooses in (selection, event_models):
+        monkeypatch.setattr(chooses, "why_no_gpu", lambda: "")
+    return gpu

@@ -1,0 +1,257 @@
+// The Python binding of event pixels on a GPU.
+
+#include "device_pixels.h"
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <cstring>
+#include <vector>
+
+#include "bound_pixels.h"
+#include "device_block.h"
+#include "pixel_array.h"
+
+namespace nb = nanobind;
+
+namespace evs {
+namespace {
+
+template <class T>
+T* at(uint64_t address) {
+  return reinterpret_cast<T*>(address);
+}
+
+class BoundDevicePixels {
+ public:
+  explicit BoundDevicePixels(const BoundPixels& pixels) : pixels_(pixels) {
+    DeviceBlock counted(0, nullptr);
+    lay_out(counted);
+    constant_bytes_ = counted.bytes();
+  }
+
+  uint64_t constant_bytes() const { return constant_bytes_; }
+
+  void copy_constant(uint64_t address, Array<uint8_t, 1> out) const {
+    require_size(out, constant_bytes_);
+    DeviceBlock block(address, reinterpret_cast<char*>(out.data()));
+    lay_out(block);
+  }
+
+  void copy_arguments(uint64_t constant, const nb::dict& arrays, uint64_t luminance,
+                      int64_t clock_us, int64_t tick_us, int64_t ticks, bool all_due,
+                      uint64_t row_reads, size_t row_read_count, uint64_t crossings,
+                      uint32_t crossing_room, uint64_t candidates, uint32_t candidate_room,
+                      uint64_t counts, Array<uint8_t, 1> out) const {
+    require_size(out, sizeof(DevicePixels));
+    BoundPixels::check_tick_us(tick_us);
+    Tick tick{at<const float>(luminance), clock_us, static_cast<uint32_t>(tick_us)};
+    tick.rows = {at<const RowRead>(row_reads), row_read_count, pixels_.width()};
+    tick.all_due = all_due;
+    const PixelArrays state = pixels_.with_gains(pixels_.needed(addresses_of(arrays)), ticks);
+    DevicePixels made{pixels_.array().prepare(state, tick),
+                      pixels_.array().pixels(),
+                      crossing_room,
+                      candidate_room,
+                      at<Crossing>(crossings),
+                      at<ShotCandidate>(candidates),
+                      at<BlockCounts>(counts)};
+    DeviceBlock block(constant, nullptr);
+    const Constant there = lay_out(block);
+    made.step.pattern = there.pattern;
+    made.step.settings.shot.on = there.shot_on;
+    made.step.settings.shot.off = there.shot_off;
+    made.step.shot_bounds = there.shot_bounds;
+    std::memcpy(out.data(), &made, sizeof made);
+  }
+
+ private:
+  // What stays, where it lies.
+  struct Constant {
+    PixelPattern pattern;
+    const float *shot_on, *shot_off;
+    const double* shot_bounds;
+  };
+
+  Constant lay_out(DeviceBlock& block) const {
+    const PixelArray& array = pixels_.array();
+    const ShotNoise& shot = array.settings().shot;
+    PixelPattern pattern = array.pattern();
+    const size_t count = array.pixels();
+    for (const float** each : {&pattern.theta_on, &pattern.theta_off, &pattern.leak,
+                               &pattern.parasitic, &pattern.phase}) {
+      *each = block.put(*each, count);
+    }
+    pattern.hot = block.put(pattern.hot, count);
+    pattern.refractory = block.put(pattern.refractory, count);
+    const float *on = block.put(shot.on, count), *off = block.put(shot.off, count);
+    return {pattern, on, off, block.put(array.shot_bounds().data(), array.shot_bounds().size())};
+  }
+
+  static PixelArrays addresses_of(const nb::dict& arrays) {
+    auto find = [&]<class T>(const char* name, T*& to) {
+      if (arrays.contains(name)) to = at<T>(nb::cast<uint64_t>(arrays[name]));
+    };
+    PixelArrays found;
+    find("reference", found.reference);
+    find("last_log", found.last_log);
+    find("last_luminance", found.last_luminance);
+    find("filtered", found.filtered);
+    find("followed", found.followed);
+    find("blind_until", found.blind_until);
+    find("noise_budget", found.noise_budget);
+    find("noise_mean", found.noise_mean);
+    find("noise_memory", found.noise_memory);
+    find("mean", found.running_mean.mean);
+    find("noise", found.running_mean.noise);
+    find("drift", found.running_mean.drift);
+    find("due_us", found.due_us);
+    find("since_us", found.since_us);
+    find("shot_next", found.shot.next);
+    find("shot_count", found.shot.count);
+    return found;
+  }
+
+  static void require_size(const Array<uint8_t, 1>& out, size_t bytes) {
+    if (out.shape(0) != bytes) throw std::invalid_argument("out has another size");
+  }
+
+  const BoundPixels& pixels_;
+  uint64_t constant_bytes_;
+};
+
+DevicePixels device_pixels_of(const Array<const uint8_t, 1>& arguments) {
+  if (arguments.shape(0) != sizeof(DevicePixels)) {
+    throw std::invalid_argument("arguments have argument_bytes");
+  }
+  DevicePixels made;
+  std::memcpy(&made, arguments.data(), sizeof made);
+  return made;
+}
+
+// Step pixels whose arrays lie in this memory, as a device does.
+void step_device_pixels(Array<const uint8_t, 1> arguments) {
+  const DevicePixels d = device_pixels_of(arguments);
+  GilRelease release;
+  FlushDenormals flush;
+  Scratch scratch;
+  BudgetScratch budgets;
+  std::vector<ShotCandidate> shots;
+  std::vector<Crossing> out;
+  for (size_t block = 0; block < block_count(d.pixels); block++) {
+    const size_t first = block * kBlock;
+    out.clear();
+    const size_t count = std::min<size_t>(kBlock, d.pixels - first);
+    const size_t clamped = step_block(d.step, first, count, scratch, budgets, shots, out);
+    std::copy_n(out.begin(), std::min<size_t>(out.size(), d.crossing_room),
+                d.crossings + block * d.crossing_room);
+    // those that are left behind, where a device counts all that it has drawn: only room for more
+    d.counts[block] = {static_cast<uint32_t>(out.size()), static_cast<uint32_t>(shots.size()),
+                       static_cast<uint32_t>(clamped)};
+  }
+}
+
+// Pack the crossings of blocks, as a device does.
+void pack_device_crossings(Array<const uint8_t, 1> arguments, uint64_t all, uint32_t room,
+                           uint64_t packed) {
+  const DevicePixels d = device_pixels_of(arguments);
+  TickCounts found{};
+  for (size_t block = 0; block < block_count(d.pixels); block++) {
+    const BlockCounts& counts = d.counts[block];
+    found.crossings += counts.crossings;
+    found.most_crossings = std::max(found.most_crossings, counts.crossings);
+    found.most_candidates = std::max(found.most_candidates, counts.candidates);
+    found.clamped += counts.clamped;
+  }
+  *at<TickCounts>(all) = found;
+  if (found.crossings > room || found.most_crossings > d.crossing_room) return;
+  Crossing* to = at<Crossing>(packed);
+  for (size_t block = 0; block < block_count(d.pixels); block++) {
+    to = std::copy_n(d.crossings + block * d.crossing_room, d.counts[block].crossings, to);
+  }
+}
+
+Bytes order_crossings(Array<const uint8_t, 1> crossings, int64_t t_begin_us, uint32_t tick_us,
+                      uint32_t width, bool causes) {
+  std::vector<std::vector<Crossing>> parts(1);
+  parts[0].resize(crossings.shape(0) / sizeof(Crossing));
+  if (!parts[0].empty()) {
+    std::memcpy(parts[0].data(), crossings.data(), parts[0].size() * sizeof(Crossing));
+  }
+  EventBuffer made;
+  {
+    GilRelease release;
+    made = order_events(parts, t_begin_us, tick_us, width, causes);
+  }
+  return owned<Bytes>(std::move(made.events), made.count);
+}
+
+}  // namespace
+
+void bind_device_pixels(nb::module_& m) {
+  m.def("order_crossings", &order_crossings, nb::arg("crossings"), nb::arg("t_begin_us"),
+        nb::arg("tick_us"), nb::arg("width"), nb::arg("causes"),
+        "Sort what pixels of a device have found.\n"
+        "\n"
+        "Args:\n"
+        "    crossings: (8 n,) uint8, in the order of the pixels.\n"
+        "    t_begin_us: Where the tick begins, us.\n"
+        "    tick_us: How long it is, us.\n"
+        "    width: Of the image, px.\n"
+        "    causes: Whether events hold their cause.\n"
+        "\n"
+        "Returns:\n"
+        "    The bytes of the events, uint8.");
+  m.def("step_device_pixels", &step_device_pixels, nb::arg("arguments"),
+        "Step pixels of DevicePixels whose addresses are those of arrays, as a device does: for\n"
+        "tests.\n"
+        "\n"
+        "Args:\n"
+        "    arguments: (argument_bytes,) uint8.");
+  m.def("pack_device_crossings", &pack_device_crossings, nb::arg("arguments"), nb::arg("all"),
+        nb::arg("room"), nb::arg("packed"),
+        "Pack what pixels have found, as a device does: for tests.\n"
+        "\n"
+        "Args:\n"
+        "    arguments: (argument_bytes,) uint8.\n"
+        "    all: Address of (4,) uint32, the output: crossings, the most crossings and\n"
+        "        candidates of a block, pixels with unusable luminance.\n"
+        "    room: How many crossings there is room for.\n"
+        "    packed: Address of the crossings, the output.");
+  nb::class_<BoundDevicePixels>(
+      m, "DevicePixels",
+      "The arguments of kernels that step event pixels on a device with memory of its own.")
+      .def(nb::init<const BoundPixels&>(), nb::arg("pixels"), nb::keep_alive<1, 2>(),
+           "Args:\n"
+           "    pixels: Whose fixed pattern and settings they have.")
+      .def("copy_constant", &BoundDevicePixels::copy_constant, nb::arg("address"), nb::arg("out"),
+           "Copy what stays.\n"
+           "\n"
+           "Args:\n"
+           "    address: Where it will lie on the device.\n"
+           "    out: (constant_bytes,) uint8, the output.")
+      .def("copy_arguments", &BoundDevicePixels::copy_arguments, nb::kw_only(), nb::arg("constant"),
+           nb::arg("arrays"), nb::arg("luminance"), nb::arg("clock_us"), nb::arg("tick_us"),
+           nb::arg("ticks"), nb::arg("all_due"), nb::arg("row_reads"), nb::arg("row_read_count"),
+           nb::arg("crossings"), nb::arg("crossing_room"), nb::arg("candidates"),
+           nb::arg("candidate_room"), nb::arg("counts"), nb::arg("out"),
+           "Write the argument of the kernels for a tick.\n"
+           "\n"
+           "Args:\n"
+           "    constant: Where what stays lies on the device.\n"
+           "    arrays: Where each array of the state lies, by name.\n"
+           "    luminance: Where the (h, w) float32 light lies.\n"
+           "    clock_us, tick_us, ticks, all_due: As of PixelArray.step.\n"
+           "    row_reads, row_read_count: Where (n, 2) int32 row reads lie, and n.\n"
+           "    crossings, candidates, counts: Where there is room for (blocks, crossing_room)\n"
+           "        crossings of 8 bytes, (blocks, candidate_room) candidates of 16 and (blocks,)\n"
+           "        counts of 12.\n"
+           "    crossing_room, candidate_room: How much of it a block has.\n"
+           "    out: (argument_bytes,) uint8, the output.")
+      .def_prop_ro("constant_bytes", &BoundDevicePixels::constant_bytes, "Bytes of what stays.")
+      .def_prop_ro(
+          "argument_bytes", [](const BoundDevicePixels&) { return sizeof(DevicePixels); },
+          "Bytes of the argument.");
+}
+
+}  // namespace evs

@@ -1,0 +1,85 @@
+// The event pixels `plain` and `adaptive`: a block of 64 pixels a thread, then a scan that packs
+// what the blocks have found in the order of the pixels.
+#define EVS_ON_DEVICE 1
+#include "prelude.h"
+
+#include "device_pixels.h"
+
+namespace evs {
+
+// Fill the table of photon noise: one thread, once.
+extern "C" __global__ void prepare() {
+  reinterpret_cast<PassageTable*>(kPassageTableMemory)->fill();
+}
+
+// Step every block by a tick.
+extern "C" __global__ void __launch_bounds__(64)
+    step_blocks(const __grid_constant__ DevicePixels d) {
+  size_t block = static_cast<size_t>(blockIdx.x) * blockDim.x + threadIdx.x;
+  size_t first = block * kBlock;
+  if (first >= d.pixels) return;
+  size_t left = d.pixels - first;
+  Scratch scratch;
+  BudgetScratch budgets;
+  std::vector<ShotCandidate> shots{d.candidates + block * d.candidate_room, d.candidate_room};
+  std::vector<Crossing> out{d.crossings + block * d.crossing_room, d.crossing_room};
+  size_t clamped =
+      step_block(d.step, first, left < kBlock ? left : kBlock, scratch, budgets, shots, out);
+  d.counts[block] = {static_cast<uint32_t>(out.wanted), static_cast<uint32_t>(shots.wanted),
+                     static_cast<uint32_t>(clamped)};
+}
+
+// Find where the crossings of each block go: one block of 1024 threads. Out: offsets (blocks,).
+extern "C" __global__ void __launch_bounds__(1024)
+    place_crossings(const __grid_constant__ DevicePixels d, uint32_t* offsets, TickCounts* all) {
+  constexpr unsigned THREADS = 1024;
+  __shared__ uint32_t ends[THREADS], crossings[THREADS], candidates[THREADS], clamped[THREADS];
+  unsigned me = threadIdx.x;
+  size_t blocks = block_count(d.pixels), each = (blocks + THREADS - 1) / THREADS;
+  size_t begin = me * each, end = begin + each < blocks ? begin + each : blocks;
+  uint32_t sum = 0, most = 0, most_candidates = 0, bad = 0;
+  for (size_t b = begin; b < end; b++) {
+    BlockCounts counts = d.counts[b];
+    sum += counts.crossings;
+    most = counts.crossings > most ? counts.crossings : most;
+    most_candidates = counts.candidates > most_candidates ? counts.candidates : most_candidates;
+    bad += counts.clamped;
+  }
+  ends[me] = sum;
+  crossings[me] = most, candidates[me] = most_candidates, clamped[me] = bad;
+  __syncthreads();
+  // sums and maxima over ever more threads before this one (Hillis and Steele 1986)
+  for (unsigned step = 1; step < THREADS; step *= 2) {
+    bool has = me >= step;
+    uint32_t other = has ? ends[me - step] : 0, other_most = has ? crossings[me - step] : 0;
+    uint32_t other_candidates = has ? candidates[me - step] : 0;
+    uint32_t other_bad = has ? clamped[me - step] : 0;
+    __syncthreads();
+    ends[me] += other;
+    crossings[me] = other_most > crossings[me] ? other_most : crossings[me];
+    candidates[me] = other_candidates > candidates[me] ? other_candidates : candidates[me];
+    clamped[me] += other_bad;
+    __syncthreads();
+  }
+  uint32_t at = ends[me] - sum;
+  for (size_t b = begin; b < end; b++) {
+    offsets[b] = at;
+    at += d.counts[b].crossings;
+  }
+  if (me == THREADS - 1) *all = {ends[me], crossings[me], candidates[me], clamped[me]};
+}
+
+// Pack the crossings of all blocks, in their order, unless a block or all of them need more room.
+extern "C" __global__ void __launch_bounds__(64)
+    pack_crossings(const __grid_constant__ DevicePixels d, const uint32_t* offsets,
+                   const TickCounts* all, uint32_t room, Crossing* packed) {
+  size_t block = static_cast<size_t>(blockIdx.x) * blockDim.x + threadIdx.x;
+  if (block >= block_count(d.pixels)) return;
+  if (all->crossings > room || all->most_crossings > d.crossing_room) return;
+  const Crossing* from = d.crossings + block * d.crossing_room;
+  Crossing* to = packed + offsets[block];
+  uint32_t count = d.counts[block].crossings;
+  for (uint32_t i = 0; i < count; i++) to[i] = from[i];
+}
+
+}  // namespace evs

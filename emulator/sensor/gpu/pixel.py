@@ -1,0 +1,332 @@
+"""The pixels of `plain` and `adaptive` on a GPU, a block of 64 pixels a thread.
+
+Their state lies there. What they have found comes back in the order of the pixels, and is sorted
+here.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.emulator import _core
+from evs.emulator.base.arrays import Arrays
+from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator.base.gpu.arrays import DeviceArrays, DeviceLight
+from evs.emulator.base.gpu.compiler import kernels_of
+from evs.emulator.base.gpu.driver import DeviceMemory, Gpu, the_gpu
+from evs.emulator.sensor.parameters import ModelRequest, SensorParameters
+from evs.emulator.sensor.pixel import BLOCK, PlainModel, PlainState, check_tick
+from evs.emulator.sensor.running_mean import RunningMeanConstants
+from evs.msgs import EVENT_DTYPE, Events, EvsError
+
+KERNELS = ("prepare", "step_blocks", "place_crossings", "pack_crossings")
+THREADS = 64
+"""of a block of the GPU, but for `place_crossings`"""
+SCAN_THREADS = 1024
+LOGS = ("linlog", "log_eps", "ln")
+"""as LogKind of core/sensor/log_map.h"""
+FILTERS = ("exact", "euler", "large_signal")
+"""as EVS_FILTER of core/sensor/gpu/pixels.cu"""
+CROSSING_BYTES, CANDIDATE_BYTES, COUNTS_BYTES = 8, 16, 12
+ALL_BYTES = 16
+"""of TickCounts in core/sensor/device_pixels.h, in front of the packed crossings"""
+LEAST_ROOM = 4096
+"""crossings of a tick that are downloaded at once"""
+
+
+class CudaPlainState:
+    """State of pixels on a GPU: what PlainState has, which is here where it was fetched."""
+
+    def __init__(self, gpu: Gpu, state: PlainState) -> None:
+        """Upload a state.
+
+        Args:
+            gpu: Where it lies.
+            state: From now on it is this one's.
+
+        Raises:
+            EvsError: The GPU has no more memory.
+        """
+        self.numbers = state
+        """whose numbers are those of the last tick, unlike its arrays"""
+        self.there = DeviceArrays(gpu, state.arrays())
+
+    def fetched(self) -> PlainState:
+        """It, with the arrays of the last tick."""
+        self.there.fetch()
+        return self.numbers
+
+    def save(self) -> dict[str, npt.NDArray[Any]]:
+        """As of PlainState."""
+        return self.fetched().save()
+
+    @property
+    def clamps(self) -> int:
+        """As of PlainState."""
+        return self.numbers.clamps
+
+
+class CudaPlainModel(PlainModel):
+    """EventModel `plain` or `adaptive` on a GPU, with the events and states of PlainModel."""
+
+    on_device = True
+    """it takes light from there"""
+
+    def __init__(
+        self,
+        sensor: SensorParameters,
+        threads: int = 0,
+        isa: str = "auto",
+        *,
+        average: RunningMeanConstants | None = None,
+        causes: bool = False,
+        switches: Switches = UNFORCED,
+    ) -> None:
+        """Compile the kernels unless they are in the cache; nothing is drawn yet.
+
+        Args:
+            sensor: As of PlainModel.
+            threads: As of PlainModel.
+            isa: As of PlainModel.
+            average: As of PlainModel.
+            causes: As of PlainModel.
+            switches: As of PlainModel.
+
+        Raises:
+            EvsError: There is no GPU.
+        """
+        super().__init__(sensor, threads, isa, average=average, causes=causes, switches=switches)
+        self._gpu = gpu = the_gpu()
+        gpu.use()
+        # of its file: what is off is not compiled
+        terms = {
+            "EVS_PHOTON_NOISE": int(self.terms.photon_noise),
+            "EVS_RUNNING_MEAN": int(self.terms.running_mean),
+            "EVS_SHOT_NOISE": int(self.terms.shot_noise),
+            "EVS_LOG": LOGS.index(self.sensor.log),
+            "EVS_FILTER": FILTERS.index(self.sensor.filter),
+        }
+        prepare, *kernels = kernels_of(gpu, "sensor/pixels", KERNELS, terms)
+        self._step, self._place, self._pack = kernels
+        gpu.launch(prepare, (1, 1, 1), 1)
+        self._light = DeviceLight(gpu, (sensor.height, sensor.width))
+        self._blocks = -(-sensor.width * sensor.height // BLOCK)
+        self._grid = (-(-self._blocks // THREADS), 1, 1)
+        self._scratch = _Scratch(gpu, self._blocks)
+        self._uploaded: tuple[_core.PixelArray, _Pattern] | None = None
+
+    def init(self, seed: int) -> Any:
+        """The state before the first tick."""
+        return CudaPlainState(self._gpu, super().init(seed))
+
+    def restore(self, saved: Arrays) -> Any:
+        """EventModel.restore."""
+        return CudaPlainState(self._gpu, super().restore(saved))
+
+    def take_over(self, state: Any, before: object) -> Any:
+        """EventModel.take_over: as of PlainModel."""
+        changed = super().take_over(_checked(state).fetched(), before)
+        state.there.push()
+        state.numbers = changed
+        return state
+
+    def step(
+        self, luminance: Any, state: Any, t_begin_us: int, t_end_us: int
+    ) -> tuple[Events, Any]:
+        """As of PlainModel.step.
+
+        Args:
+            luminance: (h, w) float32, linear, here or on the GPU (DeviceLight).
+            state: It is consumed.
+            t_begin_us: Where the tick begins, us.
+            t_end_us: Where it ends, us.
+
+        Returns:
+            The events in (t_begin_us, t_end_us], as of PlainModel.step, and the state.
+
+        Raises:
+            EvsError: Wrong shape, a tick that does not go forward, more events than memory.
+        """
+        now = _checked(state).numbers
+        check_tick(self.sensor, luminance, now, t_begin_us, t_end_us)
+        tick_us = t_end_us - t_begin_us
+        self._gpu.use()
+        if now.due_us is not None and tick_us != now.tick_us:
+            # filters that stand still in short ticks may move in a longer one
+            state.fetched().due_us[:] = now.clock_us
+            state.there.push()
+        if not isinstance(luminance, DeviceLight):
+            self._light.put(np.ascontiguousarray(luminance, np.float32))
+            luminance = self._light
+        crossings, clamped = self._stepped(luminance, state, t_begin_us, t_end_us)
+        now.all_due = 0
+        now.clamped += clamped
+        now.clock_us += tick_us
+        now.tick_us = tick_us
+        now.ticks += 1
+        width, causes = self.sensor.width, self.terms.causes
+        events = _core.order_crossings(crossings, t_begin_us, tick_us, width, causes)
+        return events.view(EVENT_DTYPE), state
+
+    def _stepped(
+        self, light: DeviceLight, state: CudaPlainState, t_begin_us: int, t_end_us: int
+    ) -> tuple[npt.NDArray[np.uint8], int]:
+        """The crossings of a tick in the order of the pixels, and the pixels that were clamped."""
+        now, scratch, gpu = state.numbers, self._scratch, self._gpu
+        pattern = self._pattern_of(now.seed)
+        reads = None if self._row_reads is None else self._row_reads.within(t_begin_us, t_end_us)
+        state.there.keep()
+        stepped = False
+        while True:
+            argument = pattern.argument(light, state, t_end_us - t_begin_us, reads, scratch)
+            if not stepped:
+                gpu.launch(self._step, self._grid, THREADS, argument)
+                state.there.changed()
+                stepped = True
+            offsets, found = scratch.offsets.argument, scratch.found.argument
+            room, packed = np.array([scratch.room], np.uint32), found + np.uint64(ALL_BYTES)
+            gpu.launch(self._place, (1, 1, 1), SCAN_THREADS, argument, offsets, found)
+            gpu.launch(self._pack, self._grid, THREADS, argument, offsets, found, room, packed)
+            crossings, most, candidates, clamped = scratch.download()
+            if most > scratch.crossings or candidates > scratch.candidates:
+                # again, with room for what a block needs
+                state.there.put_back()
+                scratch.make_blocks(most, candidates)
+                stepped = False
+            elif crossings > scratch.room:
+                scratch.make_room(crossings)
+            else:
+                return scratch.packed(crossings), clamped
+
+    def _pattern_of(self, seed: int) -> _Pattern:
+        """The fixed pattern on the GPU; the last one is kept."""
+        array = self.array(seed)
+        if self._uploaded is None or self._uploaded[0] is not array:
+            self._uploaded = array, _Pattern(self._gpu, array)
+        return self._uploaded[1]
+
+
+class _Pattern:
+    """The fixed pattern of pixels on a GPU, and the argument of their kernels."""
+
+    def __init__(self, gpu: Gpu, array: _core.PixelArray) -> None:
+        self._gpu, self._layout = gpu, _core.DevicePixels(array)
+        self._constant = gpu.allocate(self._layout.constant_bytes)
+        constant = np.empty(self._layout.constant_bytes, np.uint8)
+        self._layout.copy_constant(self._constant.address, constant)
+        gpu.upload(self._constant, constant)
+        gpu.wait()
+        self._argument = np.zeros(self._layout.argument_bytes, np.uint8)
+        self._reads: DeviceMemory | None = None
+
+    def argument(
+        self,
+        light: DeviceLight,
+        state: CudaPlainState,
+        tick_us: int,
+        reads: npt.NDArray[np.int32] | None,
+        scratch: _Scratch,
+    ) -> npt.NDArray[np.uint8]:
+        """The argument of the kernels for a tick."""
+        row_reads = 0
+        if reads is not None and len(reads):
+            self._reads = self._gpu.allocate(reads.nbytes)
+            self._gpu.upload(self._reads, np.ascontiguousarray(reads))
+            self._gpu.wait()
+            row_reads = self._reads.address
+        now = state.numbers
+        self._layout.copy_arguments(
+            constant=self._constant.address,
+            arrays=state.there.addresses,
+            luminance=light.memory.address,
+            clock_us=now.clock_us,
+            tick_us=tick_us,
+            ticks=now.ticks,
+            all_due=bool(now.all_due),
+            row_reads=row_reads,
+            row_read_count=0 if reads is None else len(reads),
+            crossings=scratch.slots.address,
+            crossing_room=scratch.crossings,
+            candidates=scratch.drawn.address,
+            candidate_room=scratch.candidates,
+            counts=scratch.counts.address,
+            out=self._argument,
+        )
+        return self._argument
+
+
+class _Scratch:
+    """What kernels write besides the state."""
+
+    def __init__(self, gpu: Gpu, blocks: int) -> None:
+        self._gpu, self._blocks = gpu, blocks
+        self.counts = gpu.allocate(COUNTS_BYTES * blocks)
+        self.offsets = gpu.allocate(4 * blocks)
+        self.crossings = self.candidates = 0
+        self.make_blocks(BLOCK, 16)
+        self.make_room(LEAST_ROOM)
+
+    def make_blocks(self, crossings: int, candidates: int) -> None:
+        """Make room for so many crossings, and candidates of shot noise, of each block."""
+        self.crossings, self.candidates = (
+            max(_power(wanted), before)
+            for wanted, before in ((crossings, self.crossings), (candidates, self.candidates))
+        )
+        self.slots = self._gpu.allocate(CROSSING_BYTES * self.crossings * self._blocks)
+        self.drawn = self._gpu.allocate(CANDIDATE_BYTES * self.candidates * self._blocks)
+
+    def make_room(self, crossings: int) -> None:
+        """Make room for so many crossings of a tick."""
+        self.room = _power(crossings)
+        size = ALL_BYTES + CROSSING_BYTES * self.room
+        self.found = self._gpu.allocate(size)
+        self._here = self._gpu.pinned((size,), np.uint8)
+        # most ticks need little of it
+        self._first = ALL_BYTES + CROSSING_BYTES * LEAST_ROOM
+
+    def download(self) -> tuple[int, int, int, int]:
+        """Wait, and take TickCounts."""
+        self._gpu.download(self._here[: self._first], self.found)
+        crossings, most, candidates, clamped = self._here[:ALL_BYTES].view(np.uint32).tolist()
+        return crossings, most, candidates, clamped
+
+    def packed(self, count: int) -> npt.NDArray[np.uint8]:
+        """The bytes of so many crossings."""
+        size = ALL_BYTES + CROSSING_BYTES * count
+        if size > self._first:
+            self._gpu.download(self._here[:size], self.found)
+        return self._here[ALL_BYTES:size]
+
+
+def _power(count: int) -> int:
+    """The least power of 2 that is at least that."""
+    return 1 << max(count - 1, 0).bit_length()
+
+
+def _checked(state: Any) -> CudaPlainState:
+    """A state of pixels on a GPU. Raises EvsError for others."""
+    if not isinstance(state, CudaPlainState):
+        raise EvsError(f"state is a {type(state).__name__}, not of a GPU; call init again")
+    return state
+
+
+def plain_model(
+    request: ModelRequest, average: RunningMeanConstants | None = None
+) -> CudaPlainModel:
+    """The event model `plain`."""
+    return CudaPlainModel(
+        request.sensor,
+        request.threads,
+        request.isa,
+        average=average,
+        causes=request.model.labels,
+        switches=request.switches,
+    )
+
+
+def adaptive_model(request: ModelRequest) -> CudaPlainModel:
+    """The event model `adaptive`."""
+    return plain_model(request, RunningMeanConstants())

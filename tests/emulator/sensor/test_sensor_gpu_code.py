@@ -1,0 +1,28 @@
+"""The event pixel as code for GPUs: no fma, nothing approximate, denormals flushed."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from gpu.compile import compiled
+from gpu.ptx import faults
+
+DAVIS = {"EVS_RUNNING_MEAN": 0, "EVS_PHOTON_NOISE": 0, "EVS_SHOT_NOISE": 1, "EVS_LOG": 0}
+
+
+@pytest.mark.parametrize(
+    ("architecture", "terms"),
+    [
+        (75, {**DAVIS, "EVS_FILTER": 2}),
+        (120, {**DAVIS, "EVS_LOG": 1, "EVS_FILTER": 1, "EVS_RUNNING_MEAN": 1}),
+        (90, {"EVS_PHOTON_NOISE": 1, "EVS_RUNNING_MEAN": 0, "EVS_LOG": 2, "EVS_FILTER": 0}),
+    ],
+    ids=["davis", "euler", "photons"],
+)
+def test_instructions_are_those_of_a_cpu(architecture: int, terms: dict[str, int]) -> None:
+    ptx = compiled("pixels", f"compute_{architecture}", terms).decode()
+    assert set(re.findall(r"\.entry (\w+)", ptx)) == {
+        *("prepare", "step_blocks", "place_crossings", "pack_crossings")
+    }
+    assert faults(ptx) == []
