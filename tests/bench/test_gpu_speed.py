@@ -25,6 +25,7 @@ SIZES = ((346, 260), (1280, 720))
 SAMPLES = {"1 sample": (1, "fixed"), "4 at edges": (4, "adaptive"), "4 samples": (4, "fixed")}
 TICKS, TICKS_OF_ONE = 40, 8
 TICKS_OF_LOOP, SETTLED, TENTH = 600, 99, 50
+TICKS_OF_CLOSED = 200
 
 pytestmark = [
     pytest.mark.bench,
@@ -104,8 +105,9 @@ def test_a_frame_of_paths(robot_files: dict[str, Path]) -> None:
     assert differ == 0
 
 
-def room(width: int, height: int, turning: bool, light: str, pixels: str) -> evs.World:
-    """The room, seen by a camera of the preset `fast` that stands or turns by 170 px/s."""
+def room(size: tuple[int, int], turning: bool, render: RenderConfig, pixels: str) -> evs.World:
+    """The room, seen by a camera without photon noise that stands or turns by 170 px/s."""
+    width, height = size
     eye = """<body pos="0 -3 1.2"><joint name="eye" axis="0 0 1"/><inertial pos="0 0 0" mass="1"
       diaginertia="1 1 1"/><camera name="eye" xyaxes="1 0 0 0 0 1" fovy="60"/></body></worldbody>"""
     model = mujoco.MjModel.from_xml_string(ROOM.replace("</worldbody>", eye))
@@ -114,7 +116,7 @@ def room(width: int, height: int, turning: bool, light: str, pixels: str) -> evs
     world.add_camera(
         "eye",
         sensor=sensor,
-        render=RenderConfig(spp=1, device=light),
+        render=render,
         model=ModelConfig(device=pixels),
     )
     if turning:
@@ -128,10 +130,10 @@ def test_a_tick_in_an_open_loop() -> None:
     print("| image | camera | light | pixels | ms a tick | events a tick | bytes |")
     print("|---|---|---|---|---:|---:|---|")
     differ = 0
-    for (width, height), turning in product(SIZES, (False, True)):
+    for size, turning in product(SIZES, (False, True)):
         expected = b""
         for light, pixels in (("cpu", "cpu"), ("cuda", "cpu"), ("cuda", "cuda")):
-            world = room(width, height, turning, light, pixels)
+            world = room(size, turning, RenderConfig(spp=1, device=light), pixels)
             ahead = PipelinedWorld(world, TICKS_OF_LOOP, StopWatch(), 8)
             found, ends = [], []
             for _ in range(TICKS_OF_LOOP):
@@ -147,8 +149,39 @@ def test_a_tick_in_an_open_loop() -> None:
             # the mean of tenths: single ticks wait for each other
             tenths = 1e3 * np.diff(ends[SETTLED::TENTH]) / TENTH
             print(
-                f"| {width} x {height} | {'turns' if turning else 'stands'} | {light} "
+                f"| {size[0]} x {size[1]} | {'turns' if turning else 'stands'} | {light} "
                 f"| {pixels} | {spread(tenths.tolist())} | {events:.0f} | {same} |",
+                flush=True,
+            )
+    assert differ == 0
+
+
+def test_a_tick_of_soft_light_in_a_closed_loop() -> None:
+    """Physics, soft light and pixels, one after the other; all that a controller waits for."""
+    print(f"\n{the_gpu().name}; {cores()} cores, {processor()}\n")
+    print("| camera | light | pixels | ms a tick | events a tick | bytes |")
+    print("|---|---|---|---:|---:|---|")
+    differ = 0
+    soft = {"hybrid": {"renderer": "hybrid"}, "path, 4 samples": {"renderer": "path", "spp": 4}}
+    places = (("cpu", "cpu"), ("cpu", "cuda"), ("cuda", "cuda"))
+    for turning, (name, render) in product((False, True), soft.items()):
+        expected = b""
+        for light, pixels in places[: 2 if name == "hybrid" else 3]:
+            world = room(SIZES[0], turning, RenderConfig(device=light, **render), pixels)
+            found, ms = [], []
+            for _ in range(TICKS_OF_CLOSED):
+                begin = perf_counter()
+                (packet,) = world.step()
+                ms.append(1e3 * (perf_counter() - begin))
+                found.append(packet.events.tobytes())
+            seen = b"".join(found)
+            same = "" if not expected else "equal" if seen == expected else "DIFFER"
+            expected = expected or seen
+            differ += same == "DIFFER"
+            events = len(seen) / packet.events.dtype.itemsize / TICKS_OF_CLOSED
+            print(
+                f"| {'turns' if turning else 'stands'} | {name}, {light} | {pixels} "
+                f"| {spread(ms[SETTLED:])} | {events:.0f} | {same} |",
                 flush=True,
             )
     assert differ == 0
