@@ -37,8 +37,8 @@ def test_it_stands_though_it_is_pushed(tmp_path: Path) -> None:
 def test_it_stands_from_other_starts() -> None:
     # from 20 starts: evs loop cartpole --seeds 20
     loop = CartPoleLoop()
-    outcomes = [play(loop, CartPoleTrial(seed, push_ns=3.0, seconds=10.0)) for seed in range(5)]
-    assert [outcome.ended for outcome in outcomes] == [""] * 5
+    outcomes = [play(loop, CartPoleTrial(seed, push_ns=3.0, seconds=10.0)) for seed in range(3)]
+    assert [outcome.ended for outcome in outcomes] == [""] * 3
 
 
 def test_without_a_hand_or_without_events_it_falls() -> None:

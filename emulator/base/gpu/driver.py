@@ -118,7 +118,7 @@ class Gpu:
             EvsError: The call failed.
         """
         if result[0] != self._driver.CUresult.CUDA_SUCCESS:
-            raise EvsError(f"the GPU failed: {result[0].name}; render.device=cpu needs none")
+            raise EvsError(f"the GPU failed: {result[0].name}; device=cpu needs none")
         return result[1] if len(result) == 2 else None
 
     def use(self) -> None:

@@ -1,4 +1,4 @@
-"""A thousand subscribers of everything are killed: the publisher keeps nothing of them."""
+"""Hundreds of subscribers of everything are killed: the publisher keeps nothing of them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ for line in sys.stdin:
     ends = [os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) for child in born]
     print(ends.count(-signal.SIGKILL), flush=True)
 """
-AT_ONCE, TIMES = 25, 40
+AT_ONCE = 25
 
 
 class Camera:
@@ -82,8 +82,9 @@ def held() -> tuple[int, int]:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("times", [12, pytest.param(40, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize("keys", [False, True], ids=["plain", "keys"])
-def test_a_thousand_killed_subscribers_leave_nothing(tmp_path: Path, keys: bool) -> None:
+def test_killed_subscribers_leave_nothing(tmp_path: Path, keys: bool, times: int) -> None:
     camera = Camera(tmp_path, keys=keys)
     sink = camera.sink
     where = [sink.address, sink.control_address, sink.latest_address, camera.key]
@@ -96,7 +97,7 @@ def test_a_thousand_killed_subscribers_leave_nothing(tmp_path: Path, keys: bool)
     os.set_blocking(horde.stdout.fileno(), False)
     early: tuple[int, int] | None = None
     try:
-        for turn in range(TIMES):
+        for turn in range(times):
             horde.stdin.write(f"{AT_ONCE}\n")
             horde.stdin.flush()
             deadline_s = monotonic_s() + 120
@@ -107,7 +108,7 @@ def test_a_thousand_killed_subscribers_leave_nothing(tmp_path: Path, keys: bool)
             assert int(said) == AT_ONCE
             camera.send_until_nobody_listens()
             # what the first crowds cost stays for the next ones
-            if turn == TIMES // 4:
+            if turn == times // 4:
                 early = held()
     finally:
         horde.kill()
@@ -116,5 +117,5 @@ def test_a_thousand_killed_subscribers_leave_nothing(tmp_path: Path, keys: bool)
     late = held()
     assert camera.sink.close()["states_sent"] > 0
     assert abs(late[0] - early[0]) <= AT_ONCE // 2
-    # 750 more came and went; each would have left 100 kB of queued packets if any
+    # 200 more, at least, came and went; each would have left 100 kB of queued packets if any
     assert late[1] - early[1] < 5_000

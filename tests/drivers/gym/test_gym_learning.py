@@ -21,7 +21,7 @@ def env() -> gymnasium.Env:
     )
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.campaign)])
 def test_cross_entropy_learns_to_balance_from_events_alone(env: gymnasium.Env, seed: int) -> None:
     # nothing else than an array of events reaches it
     assert env.observation_space.shape == (2, 64, 64)

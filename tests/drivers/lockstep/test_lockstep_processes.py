@@ -122,7 +122,7 @@ CYCLE = evs.RenderConfig(renderer="path", spp=1, seeds="cycle")
 
 @pytest.mark.parametrize(
     ("seconds", "render"),
-    [(0.5, HARD), (0.2, CYCLE), pytest.param(30.0, HARD, marks=pytest.mark.slow)],
+    [(0.5, HARD), (0.2, CYCLE), pytest.param(30.0, HARD, marks=pytest.mark.campaign)],
     ids=["short", "cycle", "30 s"],
 )
 def test_over_zeromq_the_loop_gives_the_bytes_that_it_gives_in_process(

@@ -15,7 +15,7 @@ def test_twenty_seconds_in_lock_step():
     assert said["events"] > 20_000  # type: ignore[operator]
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_four_minutes_in_lock_step():
     said = run(24, 240_000)
     check(said, 240_000)
