@@ -434,16 +434,18 @@ def step_device_pixels(arguments: Annotated[NDArray[numpy.uint8], dict(shape=(No
         arguments: (argument_bytes,) uint8.
     """
 
-def pack_device_crossings(arguments: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], all: int, room: int, packed: int) -> None:
+def pack_device_crossings(counts: int, blocks: int, crossings: int, crossing_room: int, offsets: int, all: int, room: int, packed: int) -> None:
     """
-    Pack what pixels have found, as a device does: for tests.
+    Pack what pixels have found, as a device does: for tests. Arrays are addresses.
 
     Args:
-        arguments: (argument_bytes,) uint8.
-        all: Address of (4,) uint32, the output: crossings, the most crossings and
-            candidates of a block, pixels with unusable luminance.
+        counts, blocks: Of each block of pixels, and how many blocks there are.
+        crossings, crossing_room: Of each block, and room for how many it has.
+        offsets: (blocks,) uint32, the output: where those of each block begin.
+        all: (4,) uint32, the output: crossings, the most crossings and candidates of a
+            block, pixels with unusable luminance.
         room: How many crossings there is room for.
-        packed: Address of the crossings, the output.
+        packed: The crossings, the output.
     """
 
 class DevicePixels:

@@ -10,20 +10,12 @@
 #include <cstring>
 #include <tuple>
 
-#include "bound_caster.h"
-#include "gil.h"
-#include "thread_pool.h"
+#include "bound_device.h"
 
 namespace nb = nanobind;
 
 namespace evs {
 namespace {
-
-struct BoundDeviceFrame {
-  const BoundCaster& caster;
-  DeviceFrame frame;
-  bool adaptive;
-};
 
 BoundDeviceFrame* make_device_frame(BoundCaster& caster) {
   require(caster.caster.fits_device(), "a device renders direct, or path with a fixed spp");

@@ -8,117 +8,12 @@
 #include <cstring>
 #include <vector>
 
-#include "bound_pixels.h"
-#include "device_block.h"
-#include "pixel_array.h"
+#include "bound_device.h"
 
 namespace nb = nanobind;
 
 namespace evs {
 namespace {
-
-template <class T>
-T* at(uint64_t address) {
-  return reinterpret_cast<T*>(address);
-}
-
-class BoundDevicePixels {
- public:
-  explicit BoundDevicePixels(const BoundPixels& pixels) : pixels_(pixels) {
-    DeviceBlock counted(0, nullptr);
-    lay_out(counted);
-    constant_bytes_ = counted.bytes();
-  }
-
-  uint64_t constant_bytes() const { return constant_bytes_; }
-
-  void copy_constant(uint64_t address, Array<uint8_t, 1> out) const {
-    require_size(out, constant_bytes_);
-    DeviceBlock block(address, reinterpret_cast<char*>(out.data()));
-    lay_out(block);
-  }
-
-  void copy_arguments(uint64_t constant, const nb::dict& arrays, uint64_t luminance,
-                      int64_t clock_us, int64_t tick_us, int64_t ticks, bool all_due,
-                      uint64_t row_reads, size_t row_read_count, uint64_t crossings,
-                      uint32_t crossing_room, uint64_t candidates, uint32_t candidate_room,
-                      uint64_t counts, Array<uint8_t, 1> out) const {
-    require_size(out, sizeof(DevicePixels));
-    BoundPixels::check_tick_us(tick_us);
-    Tick tick{at<const float>(luminance), clock_us, static_cast<uint32_t>(tick_us)};
-    tick.rows = {at<const RowRead>(row_reads), row_read_count, pixels_.width()};
-    tick.all_due = all_due;
-    const PixelArrays state = pixels_.with_gains(pixels_.needed(addresses_of(arrays)), ticks);
-    DevicePixels made{pixels_.array().prepare(state, tick),
-                      pixels_.array().pixels(),
-                      crossing_room,
-                      candidate_room,
-                      at<Crossing>(crossings),
-                      at<ShotCandidate>(candidates),
-                      at<BlockCounts>(counts)};
-    DeviceBlock block(constant, nullptr);
-    const Constant there = lay_out(block);
-    made.step.pattern = there.pattern;
-    made.step.settings.shot.on = there.shot_on;
-    made.step.settings.shot.off = there.shot_off;
-    made.step.shot_bounds = there.shot_bounds;
-    std::memcpy(out.data(), &made, sizeof made);
-  }
-
- private:
-  // What stays, where it lies.
-  struct Constant {
-    PixelPattern pattern;
-    const float *shot_on, *shot_off;
-    const double* shot_bounds;
-  };
-
-  Constant lay_out(DeviceBlock& block) const {
-    const PixelArray& array = pixels_.array();
-    const ShotNoise& shot = array.settings().shot;
-    PixelPattern pattern = array.pattern();
-    const size_t count = array.pixels();
-    for (const float** each : {&pattern.theta_on, &pattern.theta_off, &pattern.leak,
-                               &pattern.parasitic, &pattern.phase}) {
-      *each = block.put(*each, count);
-    }
-    pattern.hot = block.put(pattern.hot, count);
-    pattern.refractory = block.put(pattern.refractory, count);
-    const float *on = block.put(shot.on, count), *off = block.put(shot.off, count);
-    return {pattern, on, off, block.put(array.shot_bounds().data(), array.shot_bounds().size())};
-  }
-
-  static PixelArrays addresses_of(const nb::dict& arrays) {
-    auto find = [&]<class T>(const char* name, T*& to) {
-      if (arrays.contains(name)) to = at<T>(nb::cast<uint64_t>(arrays[name]));
-    };
-    PixelArrays found;
-    find("reference", found.reference);
-    find("last_log", found.last_log);
-    find("last_luminance", found.last_luminance);
-    find("filtered", found.filtered);
-    find("followed", found.followed);
-    find("blind_until", found.blind_until);
-    find("noise_budget", found.noise_budget);
-    find("noise_mean", found.noise_mean);
-    find("noise_memory", found.noise_memory);
-    find("mean", found.running_mean.mean);
-    find("noise", found.running_mean.noise);
-    find("drift", found.running_mean.drift);
-    find("due_us", found.due_us);
-    find("since_us", found.since_us);
-    find("shot_next", found.shot.next);
-    find("shot_count", found.shot.count);
-    return found;
-  }
-
-  static void require_size(const Array<uint8_t, 1>& out, size_t bytes) {
-    if (out.shape(0) != bytes) throw std::invalid_argument("out has another size");
-  }
-
-  const BoundPixels& pixels_;
-  uint64_t constant_bytes_;
-};
 
 DevicePixels device_pixels_of(const Array<const uint8_t, 1>& arguments) {
   if (arguments.shape(0) != sizeof(DevicePixels)) {
@@ -152,22 +47,24 @@ void step_device_pixels(Array<const uint8_t, 1> arguments) {
 }
 
 // Pack the crossings of blocks, as a device does.
-void pack_device_crossings(Array<const uint8_t, 1> arguments, uint64_t all, uint32_t room,
+void pack_device_crossings(uint64_t counts, uint32_t blocks, uint64_t crossings,
+                           uint32_t crossing_room, uint64_t offsets, uint64_t all, uint32_t room,
                            uint64_t packed) {
-  const DevicePixels d = device_pixels_of(arguments);
   TickCounts found{};
-  for (size_t block = 0; block < block_count(d.pixels); block++) {
-    const BlockCounts& counts = d.counts[block];
-    found.crossings += counts.crossings;
-    found.most_crossings = std::max(found.most_crossings, counts.crossings);
-    found.most_candidates = std::max(found.most_candidates, counts.candidates);
-    found.clamped += counts.clamped;
+  for (uint32_t block = 0; block < blocks; block++) {
+    const BlockCounts& one = at<const BlockCounts>(counts)[block];
+    at<uint32_t>(offsets)[block] = found.crossings;
+    found.crossings += one.crossings;
+    found.most_crossings = std::max(found.most_crossings, one.crossings);
+    found.most_candidates = std::max(found.most_candidates, one.candidates);
+    found.clamped += one.clamped;
   }
   *at<TickCounts>(all) = found;
-  if (found.crossings > room || found.most_crossings > d.crossing_room) return;
+  if (found.crossings > room || found.most_crossings > crossing_room) return;
   Crossing* to = at<Crossing>(packed);
-  for (size_t block = 0; block < block_count(d.pixels); block++) {
-    to = std::copy_n(d.crossings + block * d.crossing_room, d.counts[block].crossings, to);
+  for (size_t block = 0; block < blocks; block++) {
+    const Crossing* from = at<const Crossing>(crossings) + block * crossing_room;
+    to = std::copy_n(from, at<const BlockCounts>(counts)[block].crossings, to);
   }
 }
 
@@ -208,16 +105,19 @@ void bind_device_pixels(nb::module_& m) {
         "\n"
         "Args:\n"
         "    arguments: (argument_bytes,) uint8.");
-  m.def("pack_device_crossings", &pack_device_crossings, nb::arg("arguments"), nb::arg("all"),
+  m.def("pack_device_crossings", &pack_device_crossings, nb::arg("counts"), nb::arg("blocks"),
+        nb::arg("crossings"), nb::arg("crossing_room"), nb::arg("offsets"), nb::arg("all"),
         nb::arg("room"), nb::arg("packed"),
-        "Pack what pixels have found, as a device does: for tests.\n"
+        "Pack what pixels have found, as a device does: for tests. Arrays are addresses.\n"
         "\n"
         "Args:\n"
-        "    arguments: (argument_bytes,) uint8.\n"
-        "    all: Address of (4,) uint32, the output: crossings, the most crossings and\n"
-        "        candidates of a block, pixels with unusable luminance.\n"
+        "    counts, blocks: Of each block of pixels, and how many blocks there are.\n"
+        "    crossings, crossing_room: Of each block, and room for how many it has.\n"
+        "    offsets: (blocks,) uint32, the output: where those of each block begin.\n"
+        "    all: (4,) uint32, the output: crossings, the most crossings and candidates of a\n"
+        "        block, pixels with unusable luminance.\n"
         "    room: How many crossings there is room for.\n"
-        "    packed: Address of the crossings, the output.");
+        "    packed: The crossings, the output.");
   nb::class_<BoundDevicePixels>(
       m, "DevicePixels",
       "The arguments of kernels that step event pixels on a device with memory of its own.")

@@ -6,7 +6,7 @@ here.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -115,7 +115,7 @@ class CudaPlainModel(PlainModel):
         self._light = DeviceLight(gpu, (sensor.height, sensor.width))
         self._blocks = -(-sensor.width * sensor.height // BLOCK)
         self._grid = (-(-self._blocks // THREADS), 1, 1)
-        self._scratch = _Scratch(gpu, self._blocks)
+        self._scratch = PixelScratch(gpu, self._blocks)
         self._uploaded: tuple[_core.PixelArray, _Pattern] | None = None
 
     def init(self, seed: int) -> Any:
@@ -186,20 +186,16 @@ class CudaPlainModel(PlainModel):
                 gpu.launch(self._step, self._grid, THREADS, argument)
                 state.there.changed()
                 stepped = True
-            offsets, found = scratch.offsets.argument, scratch.found.argument
-            room, packed = np.array([scratch.room], np.uint32), found + np.uint64(ALL_BYTES)
-            gpu.launch(self._place, (1, 1, 1), SCAN_THREADS, argument, offsets, found)
-            gpu.launch(self._pack, self._grid, THREADS, argument, offsets, found, room, packed)
-            crossings, most, candidates, clamped = scratch.download()
-            if most > scratch.crossings or candidates > scratch.candidates:
+            found = scratch.pack(self._place, self._pack)
+            if scratch.is_short(found):
                 # again, with room for what a block needs
                 state.there.put_back()
-                scratch.make_blocks(most, candidates)
+                scratch.make_blocks(found)
                 stepped = False
-            elif crossings > scratch.room:
-                scratch.make_room(crossings)
+            elif found.crossings > scratch.room:
+                scratch.make_room(found.crossings)
             else:
-                return scratch.packed(crossings), clamped
+                return scratch.packed(found.crossings), found.clamped
 
     def _pattern_of(self, seed: int) -> _Pattern:
         """The fixed pattern on the GPU; the last one is kept."""
@@ -228,7 +224,7 @@ class _Pattern:
         state: CudaPlainState,
         tick_us: int,
         reads: npt.NDArray[np.int32] | None,
-        scratch: _Scratch,
+        scratch: PixelScratch,
     ) -> npt.NDArray[np.uint8]:
         """The argument of the kernels for a tick."""
         row_reads = 0
@@ -258,23 +254,49 @@ class _Pattern:
         return self._argument
 
 
-class _Scratch:
-    """What kernels write besides the state."""
+class TickCounts(NamedTuple):
+    """TickCounts of core/sensor/device_pixels.h: what all blocks found in a tick."""
+
+    crossings: int
+    most_crossings: int
+    """of a block"""
+    most_candidates: int
+    """of shot noise, of a block"""
+    clamped: int
+    """pixels with unusable luminance"""
+
+
+class PixelScratch:
+    """What the kernels of pixels write besides their state."""
 
     def __init__(self, gpu: Gpu, blocks: int) -> None:
+        """Allocate it.
+
+        Args:
+            gpu: Where it lies.
+            blocks: Of 64 pixels, of all cameras.
+
+        Raises:
+            EvsError: The GPU has no more memory.
+        """
         self._gpu, self._blocks = gpu, blocks
         self.counts = gpu.allocate(COUNTS_BYTES * blocks)
+        """(blocks,) BlockCounts"""
         self.offsets = gpu.allocate(4 * blocks)
+        """(blocks,) uint32, where the crossings of each block begin among those that are packed"""
         self.crossings = self.candidates = 0
-        self.make_blocks(BLOCK, 16)
+        """of each block there is room for"""
+        self.make_blocks(TickCounts(0, BLOCK, 16, 0))
         self.make_room(LEAST_ROOM)
 
-    def make_blocks(self, crossings: int, candidates: int) -> None:
-        """Make room for so many crossings, and candidates of shot noise, of each block."""
-        self.crossings, self.candidates = (
-            max(_power(wanted), before)
-            for wanted, before in ((crossings, self.crossings), (candidates, self.candidates))
-        )
+    def is_short(self, found: TickCounts) -> bool:
+        """Whether a block had more than there was room for."""
+        return found.most_crossings > self.crossings or found.most_candidates > self.candidates
+
+    def make_blocks(self, found: TickCounts) -> None:
+        """Make room for what a block had."""
+        self.crossings = max(_power(found.most_crossings), self.crossings)
+        self.candidates = max(_power(found.most_candidates), self.candidates)
         self.slots = self._gpu.allocate(CROSSING_BYTES * self.crossings * self._blocks)
         self.drawn = self._gpu.allocate(CANDIDATE_BYTES * self.candidates * self._blocks)
 
@@ -287,11 +309,25 @@ class _Scratch:
         # most ticks need little of it
         self._first = ALL_BYTES + CROSSING_BYTES * LEAST_ROOM
 
-    def download(self) -> tuple[int, int, int, int]:
-        """Wait, and take TickCounts."""
+    def pack(self, place: object, pack: object) -> TickCounts:
+        """Pack the crossings of all blocks, and wait.
+
+        Args:
+            place: The kernel `place_crossings`.
+            pack: The kernel `pack_crossings`.
+        """
+        counts, offsets, found = (
+            memory.argument for memory in (self.counts, self.offsets, self.found)
+        )
+        blocks, slots = np.array([self._blocks], np.uint32), self.slots.argument
+        each, room = np.array([self.crossings], np.uint32), np.array([self.room], np.uint32)
+        packed = found + np.uint64(ALL_BYTES)
+        grid = (-(-self._blocks // THREADS), 1, 1)
+        launch = self._gpu.launch
+        launch(place, (1, 1, 1), SCAN_THREADS, counts, blocks, offsets, found)
+        launch(pack, grid, THREADS, counts, blocks, slots, each, offsets, found, room, packed)
         self._gpu.download(self._here[: self._first], self.found)
-        crossings, most, candidates, clamped = self._here[:ALL_BYTES].view(np.uint32).tolist()
-        return crossings, most, candidates, clamped
+        return TickCounts(*self._here[:ALL_BYTES].view(np.uint32).tolist())
 
     def packed(self, count: int) -> npt.NDArray[np.uint8]:
         """The bytes of so many crossings."""

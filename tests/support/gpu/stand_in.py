@@ -90,8 +90,7 @@ class StandInGpu:
         if kernel == "step_blocks":
             _core.step_device_pixels(arguments[0])
         if kernel == "pack_crossings":
-            argument, _, found, room, packed = arguments
-            _core.pack_device_crossings(argument, int(found[0]), int(room[0]), int(packed[0]))
+            _core.pack_device_crossings(*[int(argument[0]) for argument in arguments])
         if kernel in ("direct", "first_pass", "trace_samples"):
             # the parameter is a part of all arguments, from its own on
             base = arguments[0].base

@@ -10,6 +10,10 @@
 #ifndef EVS_CHANNELS
 #define EVS_CHANNELS 1
 #endif
+// whether a launch renders many cameras
+#ifndef EVS_MANY
+#define EVS_MANY 0
+#endif
 // whether there are two passes
 #ifndef EVS_ADAPTIVE
 #define EVS_ADAPTIVE 0
@@ -17,7 +21,21 @@
 
 namespace evs {
 
-#if !EVS_ADAPTIVE
+#if EVS_MANY
+
+// All samples of every pixel of as many cameras as the grid is deep. In: their frames, `stride`
+// bytes apart. Out: (cameras, h, w).
+extern "C" __global__ void __launch_bounds__(128, EVS_BLOCKS)
+    direct_of_many(const char* frames, unsigned stride, float* luminance) {
+  const Frame& frame =
+      *reinterpret_cast<const Frame*>(frames + static_cast<size_t>(blockIdx.z) * stride);
+  int x, y;
+  if (!pixel_of_thread(frame, x, y)) return;
+  long row = static_cast<long>(blockIdx.z) * frame.height + y;
+  cuda::trace_scattered<EVS_CHANNELS>(frame, &x, &y, 1, luminance + row * frame.width + x, nullptr);
+}
+
+#elif !EVS_ADAPTIVE
 
 // All samples of every pixel. Out: (h, w).
 extern "C" __global__ void __launch_bounds__(128, EVS_BLOCKS)

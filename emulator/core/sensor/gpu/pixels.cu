@@ -5,6 +5,11 @@
 
 #include "device_pixels.h"
 
+// whether a launch steps many cameras
+#ifndef EVS_MANY
+#define EVS_MANY 0
+#endif
+
 namespace evs {
 
 // Fill the table of photon noise: one thread, once.
@@ -12,9 +17,7 @@ extern "C" __global__ void prepare() {
   reinterpret_cast<PassageTable*>(kPassageTableMemory)->fill();
 }
 
-// Step every block by a tick.
-extern "C" __global__ void __launch_bounds__(64)
-    step_blocks(const __grid_constant__ DevicePixels d) {
+EVS_ALWAYS_INLINE void step_block_of_thread(const DevicePixels& d) {
   size_t block = static_cast<size_t>(blockIdx.x) * blockDim.x + threadIdx.x;
   size_t first = block * kBlock;
   if (first >= d.pixels) return;
@@ -29,21 +32,37 @@ extern "C" __global__ void __launch_bounds__(64)
                      static_cast<uint32_t>(clamped)};
 }
 
+#if !EVS_MANY
+
+// Step every block by a tick.
+extern "C" __global__ void __launch_bounds__(64)
+    step_blocks(const __grid_constant__ DevicePixels d) {
+  step_block_of_thread(d);
+}
+
+#else
+
+// Step every block of as many cameras as the grid is high.
+extern "C" __global__ void __launch_bounds__(64) step_blocks(const DevicePixels* cameras) {
+  step_block_of_thread(cameras[blockIdx.y]);
+}
+
+#endif
+
 // Find where the crossings of each block go: one block of 1024 threads. Out: offsets (blocks,).
 extern "C" __global__ void __launch_bounds__(1024)
-    place_crossings(const __grid_constant__ DevicePixels d, uint32_t* offsets, TickCounts* all) {
+    place_crossings(const BlockCounts* counts, unsigned blocks, uint32_t* offsets,
+                    TickCounts* all) {
   constexpr unsigned THREADS = 1024;
   __shared__ uint32_t ends[THREADS], crossings[THREADS], candidates[THREADS], clamped[THREADS];
-  unsigned me = threadIdx.x;
-  size_t blocks = block_count(d.pixels), each = (blocks + THREADS - 1) / THREADS;
-  size_t begin = me * each, end = begin + each < blocks ? begin + each : blocks;
+  unsigned me = threadIdx.x, each = (blocks + THREADS - 1) / THREADS;
+  unsigned begin = me * each, end = begin + each < blocks ? begin + each : blocks;
   uint32_t sum = 0, most = 0, most_candidates = 0, bad = 0;
-  for (size_t b = begin; b < end; b++) {
-    BlockCounts counts = d.counts[b];
-    sum += counts.crossings;
-    most = counts.crossings > most ? counts.crossings : most;
-    most_candidates = counts.candidates > most_candidates ? counts.candidates : most_candidates;
-    bad += counts.clamped;
+  for (unsigned b = begin; b < end; b++) {
+    sum += counts[b].crossings;
+    most = std::max(most, counts[b].crossings);
+    most_candidates = std::max(most_candidates, counts[b].candidates);
+    bad += counts[b].clamped;
   }
   ends[me] = sum;
   crossings[me] = most, candidates[me] = most_candidates, clamped[me] = bad;
@@ -56,29 +75,30 @@ extern "C" __global__ void __launch_bounds__(1024)
     uint32_t other_bad = has ? clamped[me - step] : 0;
     __syncthreads();
     ends[me] += other;
-    crossings[me] = other_most > crossings[me] ? other_most : crossings[me];
-    candidates[me] = other_candidates > candidates[me] ? other_candidates : candidates[me];
+    crossings[me] = std::max(crossings[me], other_most);
+    candidates[me] = std::max(candidates[me], other_candidates);
     clamped[me] += other_bad;
     __syncthreads();
   }
   uint32_t at = ends[me] - sum;
-  for (size_t b = begin; b < end; b++) {
+  for (unsigned b = begin; b < end; b++) {
     offsets[b] = at;
-    at += d.counts[b].crossings;
+    at += counts[b].crossings;
   }
   if (me == THREADS - 1) *all = {ends[me], crossings[me], candidates[me], clamped[me]};
 }
 
 // Pack the crossings of all blocks, in their order, unless a block or all of them need more room.
 extern "C" __global__ void __launch_bounds__(64)
-    pack_crossings(const __grid_constant__ DevicePixels d, const uint32_t* offsets,
-                   const TickCounts* all, uint32_t room, Crossing* packed) {
-  size_t block = static_cast<size_t>(blockIdx.x) * blockDim.x + threadIdx.x;
-  if (block >= block_count(d.pixels)) return;
-  if (all->crossings > room || all->most_crossings > d.crossing_room) return;
-  const Crossing* from = d.crossings + block * d.crossing_room;
+    pack_crossings(const BlockCounts* counts, unsigned blocks, const Crossing* crossings,
+                   unsigned crossing_room, const uint32_t* offsets, const TickCounts* all,
+                   unsigned room, Crossing* packed) {
+  unsigned block = blockIdx.x * blockDim.x + threadIdx.x;
+  if (block >= blocks) return;
+  if (all->crossings > room || all->most_crossings > crossing_room) return;
+  const Crossing* from = crossings + static_cast<size_t>(block) * crossing_room;
   Crossing* to = packed + offsets[block];
-  uint32_t count = d.counts[block].crossings;
+  uint32_t count = counts[block].crossings;
   for (uint32_t i = 0; i < count; i++) to[i] = from[i];
 }
 
