@@ -50,6 +50,47 @@ class CameraBatch:
             tick_us: The length of the last tick.
         """
 
+    def put_on_device(self, camera: int, frame: object, frame_constant: int, pixels: object, pixel_constant: int, arrays: dict) -> None:
+        """
+        After `put`: the camera is rendered, and its pixels are stepped, on a device.
+
+        Args:
+            camera: Its number.
+            frame: DeviceFrame of its caster.
+            frame_constant: Where what stays of it lies on the device.
+            pixels: DevicePixels of its pixels.
+            pixel_constant: Where what stays of them lies.
+            arrays: Where each array of their state lies, by name.
+        """
+
+    def lay_out(self, which: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], tick_us: int, *, tick: int, luminance: int, crossings: int, crossing_room: int, candidates: int, candidate_room: int, counts: int, staged: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')], frames: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')], pixels: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')]) -> None:
+        """
+        Write what a device needs for a tick of some cameras.
+
+        Args:
+            which, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat, tick_us:
+                As of `step`.
+            tick: Where `staged` will lie on the device.
+            luminance: Where the light of all cameras, (n, h, w) float32, will.
+            crossings, crossing_room, candidates, candidate_room, counts: As of
+                DevicePixels.copy_arguments, camera after camera.
+            staged: (k, tick_bytes of the largest) uint8, the output: what the tick changes.
+            frames: (k, argument_bytes + 8) uint8, the output: a frame, and where its light goes.
+            pixels: (k, argument_bytes) uint8, the output: arguments of the pixels.
+        """
+
+    def take_tick(self, which: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], crossings: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], begins: Annotated[NDArray[numpy.uint32], dict(shape=(None,), order='C', device='cpu', writable=False)], clamped: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], t_begin_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], tick_us: int) -> None:
+        """
+        Take what the pixels of some cameras have found on a device.
+
+        Args:
+            which: (k,) int32, the cameras that were laid out last.
+            crossings: (8 n,) uint8, camera after camera.
+            begins: (k + 1,) uint32, where those of each begin, and n.
+            clamped: (k,) int64, pixels with unusable luminance.
+            t_begin_us, tick_us: As of `step`.
+        """
+
     def numbers(self, camera: int) -> tuple:
         """
         Return clock_us, tick_us and ticks of a camera, and the pixels clamped since `put`.

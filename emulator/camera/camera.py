@@ -368,7 +368,11 @@ class Camera:
         if isinstance(light, str):
             return light
         pixels = self._pixels.lend()
-        return pixels if isinstance(pixels, str) else LentCamera(light, pixels, self._viewpoint)
+        if isinstance(pixels, str):
+            return pixels
+        if (light.device is None) != (pixels.device is None):
+            return "light and pixels are not both on a GPU (render.device, model.device)"
+        return LentCamera(light, pixels, self._viewpoint)
 
     def take_back(
         self,

@@ -40,6 +40,8 @@ class LentPixels(NamedTuple):
     """live: its numbers are those of the last tick that the batch has given back"""
     readout: Readout | None
     read: ReadoutState | None
+    device: object = None
+    """the state on a GPU, where they are stepped there"""
 
 
 class Pixels:
@@ -145,10 +147,11 @@ class Pixels:
         model = self._model
         if not isinstance(model, PlainModel):
             return f"the event model is {type(model).__name__}"
-        if self.on_device:
-            return "model.device is cuda"
         if model.has_row_reads or model.features.get("causes", False):
             return "events hold their causes, or frames disturb the pixels"
+        if self.on_device:
+            there = self._state
+            return LentPixels(model, there.fetched(), self._readout, self._read, there)
         return LentPixels(model, self._state, self._readout, self._read)
 
     def adjust(self, sensor: SensorParameters) -> None:

@@ -37,6 +37,8 @@ class LentRenderer(NamedTuple):
     """which of the scene's lights it has"""
     seed: int
     """of the noise in every tick"""
+    device: object = None
+    """what of it is on a GPU, where it renders there"""
 
 
 class DirectRenderer(InstantLight):

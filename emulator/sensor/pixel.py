@@ -306,7 +306,7 @@ _LOGS = ("reference", "last_log", "filtered", "followed")
 
 I64 = np.ndarray[Any, np.dtype[np.int64]]
 
-_FRAMES = {
+FRAMES = {
     "reference": np.float64,
     "last_log": np.float32,
     "last_luminance": np.float32,
@@ -320,8 +320,10 @@ _FRAMES = {
     "noise": np.float32,
     "drift": np.float32,
 }
-_BLOCKS = ("due_us", "since_us", "shot_next", "shot_count")
-_ARRAYS = (*_FRAMES, *_BLOCKS)
+"""arrays of a state with a number for each pixel, and what it is"""
+BLOCKS = ("due_us", "since_us", "shot_next", "shot_count")
+"""those with an int64 for each block"""
+_ARRAYS = (*FRAMES, *BLOCKS)
 _NUMBERS = ("clamped", "clock_us", "tick_us", "ticks", "all_due")
 _SETTLED = (
     *("reference", "last_luminance", "due_us", "since_us", "filtered", "followed"),
@@ -453,12 +455,12 @@ class PlainState:
         try:
             frames: dict[str, Any] = {
                 name: on_lines(np.asarray(saved[name], dtype))
-                for name, dtype in _FRAMES.items()
+                for name, dtype in FRAMES.items()
                 if name in saved or name in _ALWAYS
             }
             blocks: dict[str, Any] = {
                 name: on_lines(np.asarray(saved[name], np.int64))
-                for name in _BLOCKS
+                for name in BLOCKS
                 if name in saved
             }
             numbers: dict[str, Any] = {name: int(saved[name]) for name in ("seed", *_NUMBERS)}

@@ -16,6 +16,7 @@ from evs.emulator import _core
 from evs.emulator.base.scene import F64, I32
 from evs.emulator.base.stamps import later_events
 from evs.emulator.camera.camera import Camera, LentCamera
+from evs.emulator.simulation.device_batch import DeviceBatch, fit_together
 from evs.emulator.simulation.world import World
 from evs.emulator.world import Measurements, PhysicsBatch, PoseBatch, UnstableError, why_not_batched
 from evs.msgs import EVENT_DTYPE, Events, EvsError
@@ -29,14 +30,16 @@ def why_one_by_one(world: World) -> str:
         return reason
     if world.control.needs_data:
         return "the control is a function of the data"
-    lights = None
+    first: LentCamera | None = None
     for camera in world.cameras:
         lent = camera.lend()
         if isinstance(lent, str):
             return f"camera '{camera.name}': {lent}"
-        if lights is not None and not np.array_equal(lights, lent.renderer.lights):
+        if first is not None and not np.array_equal(first.renderer.lights, lent.renderer.lights):
             return "cameras differ in render.headlight"
-        lights = lent.renderer.lights
+        if first is not None and not fit_together(first, lent):
+            return "cameras of a GPU differ in size or device"
+        first = first or lent
     return "" if world.cameras else "there is no camera yet"
 
 
@@ -70,6 +73,9 @@ class WorldBatch:
                 lights = _lent(camera).renderer.lights
                 if len(lights) < self._poses.light_pos.shape[1]:
                     self._lights = lights
+        self._device: DeviceBatch | None = None
+        if _lent(first.cameras[0]).renderer.device is not None:
+            self._device = DeviceBatch(self._native, len(worlds) * count)
         self._count = count
         self._numbers = np.arange(len(worlds) * count, dtype=np.int32).reshape(len(worlds), count)
         """of each world's cameras in the native batch"""
@@ -108,6 +114,8 @@ class WorldBatch:
                 ticks=state.ticks,
                 all_due=bool(state.all_due),
             )
+            if self._device is not None:
+                self._device.put(number, parts)
         self._physics.load(world)
         self._poses.load(world, [camera.bound for camera in one.cameras])
         self._lent[world] = lent
@@ -122,6 +130,8 @@ class WorldBatch:
         ticks = int(self._ticks[world])
         for number, parts in zip(self._numbers[world].tolist(), lent, strict=True):
             state = parts.pixels.state
+            if self._device is not None:
+                self._device.settle(number, ticks > 0)
             state.clock_us, state.tick_us, state.ticks, clamped = self._native.numbers(number)
             state.clamped += clamped
             state.all_due = 0 if ticks else state.all_due
@@ -174,18 +184,16 @@ class WorldBatch:
         # the readout goes by the world's own time
         begin_us = np.repeat((end_us - self._tick_us)[:, None], self._count, axis=1)
         begin_us[:, self._at_once] += self._start_us
+        numbers, stamps = self._numbers[which].reshape(-1), begin_us.reshape(-1)
+        placed = (
+            *(poses.geom_pos, poses.geom_mat, light_pos, light_dir),
+            *(poses.camera_pos.reshape(-1, 3), poses.camera_mat.reshape(-1, 9)),
+        )
         try:
-            self._native.step(
-                self._numbers[which].reshape(-1),
-                poses.geom_pos,
-                poses.geom_mat,
-                light_pos,
-                light_dir,
-                poses.camera_pos.reshape(-1, 3),
-                poses.camera_mat.reshape(-1, 9),
-                begin_us.reshape(-1),
-                self._tick_us,
-            )
+            if self._device is not None:
+                self._device.step(numbers, placed, stamps, self._tick_us)
+            else:
+                self._native.step(numbers, *placed, stamps, self._tick_us)
         except MemoryError:
             raise EvsError(
                 "the events of a tick do not fit in memory; raise the thresholds"

@@ -25,7 +25,8 @@ SIZES = ((346, 260), (1280, 720))
 SAMPLES = {"1 sample": (1, "fixed"), "4 at edges": (4, "adaptive"), "4 samples": (4, "fixed")}
 TICKS, TICKS_OF_ONE = 40, 8
 TICKS_OF_LOOP, SETTLED, TENTH = 600, 99, 50
-TICKS_OF_CLOSED = 200
+TICKS_OF_CLOSED, TICKS_OF_MANY = 200, 40
+SCENES = Path(__file__).parents[2] / "config/scenes"
 
 pytestmark = [
     pytest.mark.bench,
@@ -185,3 +186,34 @@ def test_a_tick_of_soft_light_in_a_closed_loop() -> None:
                 flush=True,
             )
     assert differ == 0
+
+
+@pytest.mark.parametrize("count", [64, 1024])
+def test_a_tick_of_many_worlds(count: int) -> None:
+    """Physics, light and pixels of humanoids at 64 x 64; those on a GPU in one launch."""
+    print(f"\n{the_gpu().name}; {cores()} cores, {processor()}\n")
+    print("| worlds | on | ms a tick | world steps a second | events a tick | bytes |")
+    print("|---:|---|---:|---:|---:|---|")
+    expected: list[bytes] = []
+    sensor = evs.SensorConfig(preset="davis346", width=64, height=64, photocurrent_pa=0.0)
+    for device in ("cpu", "cuda"):
+        worlds = evs.Worlds(SCENES / "humanoid.xml", count, seed=1)
+        render, model = RenderConfig(spp=1, device=device), ModelConfig(device=device)
+        worlds.add_camera("side", sensor=sensor, render=render, model=model)
+        assert worlds.one_by_one == ""
+        found, ms = [], []
+        for _ in range(TICKS_OF_MANY):
+            begin = perf_counter()
+            (seen,) = worlds.step()
+            ms.append(1e3 * (perf_counter() - begin))
+            found.append(seen.events.tobytes())
+        same = "" if not expected else "equal" if found == expected else "DIFFER"
+        expected = expected or found
+        events = sum(map(len, found)) / seen.events.dtype.itemsize / TICKS_OF_MANY
+        settled = ms[TICKS_OF_MANY // 4 :]
+        print(
+            f"| {count} | {device} | {spread(settled)} | {1e3 * count / np.median(settled):.0f} "
+            f"| {events:.0f} | {same} |",
+            flush=True,
+        )
+    assert same == "equal"

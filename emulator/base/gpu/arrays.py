@@ -66,6 +66,16 @@ class DeviceLight:
         return self._here
 
 
+def layout_of(arrays: Mapping[str, npt.NDArray[Any]]) -> tuple[dict[str, int], int]:
+    """Where each of some arrays lies, one after another, and how many bytes there are."""
+    offsets: dict[str, int] = {}
+    size = 0
+    for name, array in arrays.items():
+        offsets[name] = size
+        size += -(-array.nbytes // ALIGNMENT) * ALIGNMENT
+    return offsets, size
+
+
 class DeviceArrays:
     """Arrays of a state, here and on a GPU, one after another in one block of memory."""
 
@@ -80,11 +90,7 @@ class DeviceArrays:
             EvsError: The GPU has no more memory.
         """
         self._gpu, self._arrays = gpu, dict(arrays)
-        self._offsets: dict[str, int] = {}
-        size = 0
-        for name, array in self._arrays.items():
-            self._offsets[name] = size
-            size += -(-array.nbytes // ALIGNMENT) * ALIGNMENT
+        self._offsets, size = layout_of(self._arrays)
         gpu.use()
         self._here = gpu.pinned((size,), np.uint8)
         self._there = gpu.allocate(size)

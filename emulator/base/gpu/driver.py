@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -138,7 +138,7 @@ class Gpu:
         """An array of zeros that it copies from and to at full speed."""
         return np.asarray(_PinnedMemory(self, shape, np.dtype(dtype)))
 
-    def upload(self, memory: DeviceMemory, source: npt.NDArray[Any]) -> None:
+    def upload(self, memory: DeviceMemory | DevicePart, source: npt.NDArray[Any]) -> None:
         """Copy an array there, after all that was launched.
 
         Args:
@@ -161,7 +161,7 @@ class Gpu:
         """What can be waited for: all that was launched so far."""
         return Mark(self)
 
-    def download(self, target: npt.NDArray[Any], memory: DeviceMemory) -> None:
+    def download(self, target: npt.NDArray[Any], memory: DeviceMemory | DevicePart) -> None:
         """Copy to an array, and wait for it."""
         self.checked(
             self._driver.cuMemcpyDtoHAsync(
@@ -241,6 +241,12 @@ class DeviceMemory:
     def __del__(self) -> None:
         if hasattr(self, "address"):
             self._gpu.free(self._gpu._driver.cuMemFree, self.address)
+
+
+class DevicePart(NamedTuple):
+    """A part of the memory on a GPU that somebody else keeps."""
+
+    address: int
 
 
 class _PinnedMemory:

@@ -6,8 +6,7 @@
 #include <cstring>
 #include <vector>
 
-#include "bound_caster.h"
-#include "bound_pixels.h"
+#include "bound_device.h"
 
 namespace evs {
 namespace {
@@ -66,6 +65,23 @@ class CameraBatch {
     camera.events.clear();
   }
 
+  // A camera whose frames are rendered and whose pixels are stepped on a device.
+  void put_on_device(int index, nb::object frame, uint64_t frame_constant, nb::object pixels,
+                     uint64_t pixel_constant, nb::dict arrays) {
+    Camera& camera = cameras_.at(static_cast<size_t>(index));
+    require(camera.caster != nullptr, "a camera without its caster");
+    Device device;
+    device.frame = nb::cast<BoundDeviceFrame*>(frame);
+    device.pixels = nb::cast<BoundDevicePixels*>(pixels);
+    require(!device.frame->adaptive && &device.frame->caster == camera.caster,
+            "a frame of the camera's caster, in one pass");
+    device.frame_constant = frame_constant;
+    device.pixel_constant = pixel_constant;
+    device.arrays = device.pixels->needed(arrays);
+    device.keep = nb::make_tuple(frame, pixels);
+    camera.device = std::move(device);
+  }
+
   // What `put` gave, as it is now: clock_us, tick_us, ticks; and pixels clamped since then.
   nb::tuple numbers(int index) const {
     const Camera& camera = cameras_.at(static_cast<size_t>(index));
@@ -88,46 +104,115 @@ class CameraBatch {
     BoundPixels::check_tick_us(tick_us);
     const size_t jobs = which.shape(0);
     for (size_t k = 0; k < jobs; k++) {
-      const int index = which.data()[k];
-      require(index >= 0 && index < static_cast<int>(cameras_.size()) &&
-                  (k == 0 || index > which.data()[k - 1]),
-              "cameras by their numbers, in order");
-      const Camera& camera = cameras_[static_cast<size_t>(index)];
-      require(camera.caster != nullptr, "a camera without its caster");
+      const Camera& camera = checked(which, k);
       require(
           camera.world < worlds && camera.caster->geoms == geoms && camera.caster->lights == lights,
           "poses for another number of geoms or lights");
     }
+    const AllPoses poses = {geom_pos.data(),   geom_mat.data(),  geoms,
+                            light_pos.data(),  light_dir.data(), lights,
+                            camera_pos.data(), camera_mat.data()};
     GilRelease release;
     pool_.run(static_cast<int>(jobs), [&](int job, int) {
       const size_t index = static_cast<size_t>(which.data()[job]);
       Camera& camera = cameras_[index];
-      const size_t world = camera.world;
-      const Poses poses = {geom_pos.data() + 3 * geoms * world,
-                           geom_mat.data() + 9 * geoms * world,
-                           light_pos.data() + 3 * lights * world,
-                           light_dir.data() + 3 * lights * world,
-                           camera_pos.data() + 3 * index,
-                           camera_mat.data() + 9 * index,
-                           camera.seed};
-      camera.caster->caster.render(poses, camera.luminance, nullptr);
+      camera.caster->caster.render(poses.of(camera, index), camera.luminance, nullptr);
       if (camera.tick_us != tick_us && camera.arrays.due_us) {
         // filters that stand still in short ticks may move in a longer one
         const size_t pixels = camera.pixels->width() * camera.pixels->height();
         std::fill_n(camera.arrays.due_us, (pixels + kBlock - 1) / kBlock, camera.clock_us);
       }
-      camera.tick_us = tick_us;
       Tick tick{camera.luminance, camera.clock_us, static_cast<uint32_t>(tick_us)};
       tick.all_due = camera.all_due;
       size_t clamped = 0;
       const EventBuffer found =
           camera.pixels->step(camera.arrays, tick, t_begin_us.data()[index], camera.ticks, clamped);
-      camera.events.insert(camera.events.end(), found.events.get(),
-                           found.events.get() + found.count);
-      camera.clamped += static_cast<int64_t>(clamped);
-      camera.clock_us += tick_us;
-      camera.ticks++;
-      camera.all_due = false;
+      camera.count(found, clamped, tick_us);
+    });
+  }
+
+  // Write what a device needs for a tick of some cameras.
+  void lay_out(In<int32_t, N> which, In<double, N, N, 3> geom_pos, In<double, N, N, 9> geom_mat,
+               In<double, N, N, 3> light_pos, In<double, N, N, 3> light_dir,
+               In<double, N, 3> camera_pos, In<double, N, 9> camera_mat, int64_t tick_us,
+               uint64_t tick, uint64_t luminance, uint64_t crossings, uint32_t crossing_room,
+               uint64_t candidates, uint32_t candidate_room, uint64_t counts,
+               Out<uint8_t, N, N> staged, Out<uint8_t, N, N> frames, Out<uint8_t, N, N> pixels) {
+    const size_t jobs = which.shape(0), worlds = geom_pos.shape(0);
+    const size_t geoms = geom_pos.shape(1), lights = light_pos.shape(1);
+    const AllPoses poses = {geom_pos.data(),   geom_mat.data(),  geoms,
+                            light_pos.data(),  light_dir.data(), lights,
+                            camera_pos.data(), camera_mat.data()};
+    BoundPixels::check_tick_us(tick_us);
+    for (size_t k = 0; k < jobs; k++) {
+      const Camera& camera = checked(which, k);
+      require(
+          camera.world < worlds && camera.caster->geoms == geoms && camera.caster->lights == lights,
+          "poses for another number of geoms or lights");
+      require(camera.device.frame != nullptr, "a camera without its device");
+      require(camera.device.frame->frame.tick_bytes() <= staged.shape(1), "staged is too small");
+    }
+    require(staged.shape(0) >= jobs && frames.shape(0) >= jobs && pixels.shape(0) >= jobs &&
+                frames.shape(1) == sizeof(DeviceArguments) + sizeof(uint64_t) &&
+                pixels.shape(1) == sizeof(DevicePixels),
+            "one row for each camera");
+    GilRelease release;
+    pool_.run(static_cast<int>(jobs), [&](int job, int) {
+      const size_t k = static_cast<size_t>(job);
+      const size_t index = static_cast<size_t>(which.data()[k]);
+      const Camera& camera = cameras_[index];
+      const Device& device = camera.device;
+      const size_t block = k * staged.shape(1);
+      DeviceArguments frame;
+      device.frame->frame.copy_tick(poses.of(camera, index), device.frame_constant, tick + block,
+                                    reinterpret_cast<char*>(staged.data()) + block, frame);
+      const size_t count = camera.pixels->width() * camera.pixels->height();
+      const uint64_t target = luminance + index * count * sizeof(float);
+      uint8_t* row = frames.data() + k * frames.shape(1);
+      std::memcpy(row, &frame, sizeof frame);
+      std::memcpy(row + sizeof frame, &target, sizeof target);
+      const size_t blocks = (count + kBlock - 1) / kBlock;
+      Tick light{at<const float>(target), camera.clock_us, static_cast<uint32_t>(tick_us)};
+      // filters that stand still in short ticks may move in a longer one
+      light.all_due = camera.all_due || camera.tick_us != tick_us;
+      const DeviceRoom room = {crossings + k * blocks * crossing_room * sizeof(Crossing),
+                               crossing_room,
+                               candidates + k * blocks * candidate_room * sizeof(ShotCandidate),
+                               candidate_room, counts + k * blocks * sizeof(BlockCounts)};
+      const DevicePixels made =
+          device.pixels->arguments(device.pixel_constant, device.arrays, light, camera.ticks, room);
+      std::memcpy(pixels.data() + k * sizeof made, &made, sizeof made);
+    });
+  }
+
+  // Take what the pixels of some cameras have found on a device in the tick that was laid out last.
+  void take_tick(In<int32_t, N> which, In<uint8_t, N> crossings, In<uint32_t, N> begins,
+                 In<int64_t, N> clamped, In<int64_t, N> t_begin_us, int64_t tick_us) {
+    const size_t jobs = which.shape(0);
+    require(begins.shape(0) == jobs + 1 && clamped.shape(0) == jobs &&
+                t_begin_us.shape(0) == cameras_.size(),
+            "one number for each camera");
+    const size_t count = crossings.shape(0) / sizeof(Crossing);
+    for (size_t k = 0; k < jobs; k++) {
+      checked(which, k);
+      require(begins.data()[k] <= begins.data()[k + 1] && begins.data()[k + 1] <= count,
+              "crossings camera after camera");
+    }
+    GilRelease release;
+    pool_.run(static_cast<int>(jobs), [&](int job, int) {
+      const size_t k = static_cast<size_t>(job);
+      const size_t index = static_cast<size_t>(which.data()[k]);
+      Camera& camera = cameras_[index];
+      std::vector<std::vector<Crossing>> parts(1);
+      parts[0].resize(begins.data()[k + 1] - begins.data()[k]);
+      if (!parts[0].empty()) {
+        std::memcpy(parts[0].data(), crossings.data() + begins.data()[k] * sizeof(Crossing),
+                    parts[0].size() * sizeof(Crossing));
+      }
+      const EventBuffer found =
+          order_events(parts, t_begin_us.data()[index], static_cast<uint32_t>(tick_us),
+                       static_cast<uint32_t>(camera.pixels->width()), camera.pixels->causes());
+      camera.count(found, static_cast<size_t>(clamped.data()[k]), tick_us);
     });
   }
 
@@ -154,6 +239,14 @@ class CameraBatch {
   }
 
  private:
+  // What a camera has on a device.
+  struct Device {
+    const BoundDeviceFrame* frame = nullptr;
+    const BoundDevicePixels* pixels = nullptr;
+    uint64_t frame_constant = 0, pixel_constant = 0;
+    PixelArrays arrays;
+    nb::object keep;
+  };
   struct Camera {
     BoundCaster* caster = nullptr;
     BoundPixels* pixels = nullptr;
@@ -165,7 +258,48 @@ class CameraBatch {
     bool all_due = false;
     std::vector<Event> events;
     nb::object keep;  // what owns the memory above
+    Device device;
+
+    // A tick is over, in which so many pixels were clamped.
+    void count(const EventBuffer& found, size_t bad, int64_t us) {
+      events.insert(events.end(), found.events.get(), found.events.get() + found.count);
+      clamped += static_cast<int64_t>(bad);
+      tick_us = us;
+      clock_us += us;
+      ticks++;
+      all_due = false;
+    }
   };
+  // The poses of all worlds and cameras.
+  struct AllPoses {
+    const double *geom_pos, *geom_mat;
+    size_t geoms;
+    const double *light_pos, *light_dir;
+    size_t lights;
+    const double *camera_pos, *camera_mat;
+
+    Poses of(const Camera& camera, size_t index) const {
+      const size_t world = camera.world;
+      return {geom_pos + 3 * geoms * world,
+              geom_mat + 9 * geoms * world,
+              light_pos + 3 * lights * world,
+              light_dir + 3 * lights * world,
+              camera_pos + 3 * index,
+              camera_mat + 9 * index,
+              camera.seed};
+    }
+  };
+
+  // Camera k of those that are named.
+  const Camera& checked(const In<int32_t, N>& which, size_t k) const {
+    const int index = which.data()[k];
+    require(index >= 0 && index < static_cast<int>(cameras_.size()) &&
+                (k == 0 || index > which.data()[k - 1]),
+            "cameras by their numbers, in order");
+    const Camera& camera = cameras_[static_cast<size_t>(index)];
+    require(camera.caster != nullptr, "a camera without its caster");
+    return camera;
+  }
 
   template <class Kind>
   static std::optional<Kind> maybe(const nb::dict& state, const char* name) {
@@ -217,6 +351,47 @@ void bind_camera_batch(nb::module_& m) {
            "    seed: The seed of its light's noise.\n"
            "    clock_us, ticks, all_due: As of `PixelArray.step`.\n"
            "    tick_us: The length of the last tick.")
+      .def("put_on_device", &CameraBatch::put_on_device, nb::arg("camera"), nb::arg("frame"),
+           nb::arg("frame_constant"), nb::arg("pixels"), nb::arg("pixel_constant"),
+           nb::arg("arrays"),
+           "After `put`: the camera is rendered, and its pixels are stepped, on a device.\n"
+           "\n"
+           "Args:\n"
+           "    camera: Its number.\n"
+           "    frame: DeviceFrame of its caster.\n"
+           "    frame_constant: Where what stays of it lies on the device.\n"
+           "    pixels: DevicePixels of its pixels.\n"
+           "    pixel_constant: Where what stays of them lies.\n"
+           "    arrays: Where each array of their state lies, by name.")
+      .def("lay_out", &CameraBatch::lay_out, nb::arg("which"), nb::arg("geom_pos"),
+           nb::arg("geom_mat"), nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"),
+           nb::arg("camera_mat"), nb::arg("tick_us"), nb::kw_only(), nb::arg("tick"),
+           nb::arg("luminance"), nb::arg("crossings"), nb::arg("crossing_room"),
+           nb::arg("candidates"), nb::arg("candidate_room"), nb::arg("counts"), nb::arg("staged"),
+           nb::arg("frames"), nb::arg("pixels"),
+           "Write what a device needs for a tick of some cameras.\n"
+           "\n"
+           "Args:\n"
+           "    which, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat, tick_us:\n"
+           "        As of `step`.\n"
+           "    tick: Where `staged` will lie on the device.\n"
+           "    luminance: Where the light of all cameras, (n, h, w) float32, will.\n"
+           "    crossings, crossing_room, candidates, candidate_room, counts: As of\n"
+           "        DevicePixels.copy_arguments, camera after camera.\n"
+           "    staged: (k, tick_bytes of the largest) uint8, the output: what the tick changes.\n"
+           "    frames: (k, argument_bytes + 8) uint8, the output: a frame, and where its light "
+           "goes.\n"
+           "    pixels: (k, argument_bytes) uint8, the output: arguments of the pixels.")
+      .def("take_tick", &CameraBatch::take_tick, nb::arg("which"), nb::arg("crossings"),
+           nb::arg("begins"), nb::arg("clamped"), nb::arg("t_begin_us"), nb::arg("tick_us"),
+           "Take what the pixels of some cameras have found on a device.\n"
+           "\n"
+           "Args:\n"
+           "    which: (k,) int32, the cameras that were laid out last.\n"
+           "    crossings: (8 n,) uint8, camera after camera.\n"
+           "    begins: (k + 1,) uint32, where those of each begin, and n.\n"
+           "    clamped: (k,) int64, pixels with unusable luminance.\n"
+           "    t_begin_us, tick_us: As of `step`.")
       .def("numbers", &CameraBatch::numbers, nb::arg("camera"),
            "Return clock_us, tick_us and ticks of a camera, and the pixels clamped since `put`.")
       .def("step", &CameraBatch::step, nb::arg("which"), nb::arg("geom_pos"), nb::arg("geom_mat"),

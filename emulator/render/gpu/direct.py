@@ -76,4 +76,9 @@ class CudaDirectRenderer(DirectRenderer):
 
     def lend(self) -> LentRenderer | str:
         """As of DirectRenderer."""
-        return "render.device is cuda"
+        if self._there.adaptive:
+            return "a GPU renders samples at edges camera by camera"
+        parts = super().lend()
+        if isinstance(parts, str):
+            return parts
+        return parts._replace(luminance=self._there.luminance, device=self._there)

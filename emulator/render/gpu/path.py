@@ -95,4 +95,4 @@ class CudaPathRenderer(PathRenderer):
 
     def lend(self) -> LentRenderer | str:
         """As of PathRenderer."""
-        return "render.device is cuda"
+        return "a GPU renders paths camera by camera"

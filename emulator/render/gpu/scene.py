@@ -30,13 +30,17 @@ class UploadedScene:
         """
         gpu.use()
         self._gpu = gpu
-        self._layout = layout = _core.DeviceFrame(caster)
+        self.layout = layout = _core.DeviceFrame(caster)
+        """of what is copied"""
+        self.channels = caster.channels
+        """of the light that is traced"""
         self.adaptive = layout.adaptive
         """whether there is a first pass of adaptive antialiasing"""
-        self._constant = gpu.allocate(layout.constant_bytes)
+        self.constant = gpu.allocate(layout.constant_bytes)
+        """what stays"""
         constant = np.empty(layout.constant_bytes, np.uint8)
-        layout.copy_constant(self._constant.address, constant)
-        gpu.upload(self._constant, constant)
+        layout.copy_constant(self.constant.address, constant)
+        gpu.upload(self.constant, constant)
         gpu.wait()
         self._tick = gpu.allocate(layout.tick_bytes)
         self._staged = gpu.pinned((layout.tick_bytes,), np.uint8)
@@ -63,9 +67,9 @@ class UploadedScene:
         self._gpu.use()
         # what was staged before may be on its way
         self._uploaded.wait()
-        self._layout.copy_tick(
+        self.layout.copy_tick(
             *placed,
-            constant=self._constant.address,
+            constant=self.constant.address,
             tick=self._tick.address,
             out=self._staged,
             arguments=self._arguments,

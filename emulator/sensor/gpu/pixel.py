@@ -14,15 +14,24 @@ import numpy.typing as npt
 from evs.emulator import _core
 from evs.emulator.base.arrays import Arrays
 from evs.emulator.base.features import UNFORCED, Switches
-from evs.emulator.base.gpu.arrays import DeviceArrays, DeviceLight
+from evs.emulator.base.gpu.arrays import ALIGNMENT, DeviceArrays, DeviceLight
 from evs.emulator.base.gpu.compiler import kernels_of
 from evs.emulator.base.gpu.driver import DeviceMemory, Gpu, the_gpu
 from evs.emulator.sensor.parameters import ModelRequest, SensorParameters
-from evs.emulator.sensor.pixel import BLOCK, PlainModel, PlainState, check_tick
+from evs.emulator.sensor.pixel import (
+    BLOCK,
+    BLOCKS,
+    FRAMES,
+    PlainModel,
+    PlainState,
+    check_tick,
+)
 from evs.emulator.sensor.running_mean import RunningMeanConstants
 from evs.msgs import EVENT_DTYPE, Events, EvsError
 
 KERNELS = ("prepare", "step_blocks", "place_crossings", "pack_crossings")
+KERNELS_OF_MANY = ("prepare", "step_blocks_of_many", "place_crossings", "pack_crossings")
+"""where EVS_MANY is 1: of many cameras"""
 THREADS = 64
 """of a block of the GPU, but for `place_crossings`"""
 SCAN_THREADS = 1024
@@ -101,22 +110,22 @@ class CudaPlainModel(PlainModel):
         super().__init__(sensor, threads, isa, average=average, causes=causes, switches=switches)
         self._gpu = gpu = the_gpu()
         gpu.use()
-        # of its file: what is off is not compiled
-        terms = {
+        self.kernel_terms = {
             "EVS_PHOTON_NOISE": int(self.terms.photon_noise),
             "EVS_RUNNING_MEAN": int(self.terms.running_mean),
             "EVS_SHOT_NOISE": int(self.terms.shot_noise),
             "EVS_LOG": LOGS.index(self.sensor.log),
             "EVS_FILTER": FILTERS.index(self.sensor.filter),
         }
-        prepare, *kernels = kernels_of(gpu, "sensor/pixels", KERNELS, terms)
+        """macros of the kernels: what is off is not compiled"""
+        prepare, *kernels = kernels_of(gpu, "sensor/pixels", KERNELS, self.kernel_terms)
         self._step, self._place, self._pack = kernels
         gpu.launch(prepare, (1, 1, 1), 1)
         self._light = DeviceLight(gpu, (sensor.height, sensor.width))
         self._blocks = -(-sensor.width * sensor.height // BLOCK)
         self._grid = (-(-self._blocks // THREADS), 1, 1)
         self._scratch = PixelScratch(gpu, self._blocks)
-        self._uploaded: tuple[_core.PixelArray, _Pattern] | None = None
+        self._uploaded: tuple[_core.PixelArray, DevicePattern] | None = None
 
     def init(self, seed: int) -> Any:
         """The state before the first tick."""
@@ -176,7 +185,7 @@ class CudaPlainModel(PlainModel):
     ) -> tuple[npt.NDArray[np.uint8], int]:
         """The crossings of a tick in the order of the pixels, and the pixels that were clamped."""
         now, scratch, gpu = state.numbers, self._scratch, self._gpu
-        pattern = self._pattern_of(now.seed)
+        pattern = self.pattern_on_device(now.seed)
         reads = None if self._row_reads is None else self._row_reads.within(t_begin_us, t_end_us)
         state.there.keep()
         stepped = False
@@ -186,7 +195,7 @@ class CudaPlainModel(PlainModel):
                 gpu.launch(self._step, self._grid, THREADS, argument)
                 state.there.changed()
                 stepped = True
-            found = scratch.pack(self._place, self._pack)
+            found = scratch.pack(self._place, self._pack, self._blocks)
             if scratch.is_short(found):
                 # again, with room for what a block needs
                 state.there.put_back()
@@ -197,25 +206,35 @@ class CudaPlainModel(PlainModel):
             else:
                 return scratch.packed(found.crossings), found.clamped
 
-    def _pattern_of(self, seed: int) -> _Pattern:
+    def pattern_on_device(self, seed: int) -> DevicePattern:
         """The fixed pattern on the GPU; the last one is kept."""
         array = self.array(seed)
         if self._uploaded is None or self._uploaded[0] is not array:
-            self._uploaded = array, _Pattern(self._gpu, array)
+            self._uploaded = array, DevicePattern(self._gpu, array)
         return self._uploaded[1]
 
 
-class _Pattern:
+class DevicePattern:
     """The fixed pattern of pixels on a GPU, and the argument of their kernels."""
 
     def __init__(self, gpu: Gpu, array: _core.PixelArray) -> None:
-        self._gpu, self._layout = gpu, _core.DevicePixels(array)
-        self._constant = gpu.allocate(self._layout.constant_bytes)
-        constant = np.empty(self._layout.constant_bytes, np.uint8)
-        self._layout.copy_constant(self._constant.address, constant)
-        gpu.upload(self._constant, constant)
+        """Upload it.
+
+        Args:
+            gpu: Where to.
+            array: The pixels, which have it.
+
+        Raises:
+            EvsError: The GPU has no more memory.
+        """
+        self._gpu, self.layout = gpu, _core.DevicePixels(array)
+        self.constant = gpu.allocate(self.layout.constant_bytes)
+        """the pattern"""
+        constant = np.empty(self.layout.constant_bytes, np.uint8)
+        self.layout.copy_constant(self.constant.address, constant)
+        gpu.upload(self.constant, constant)
         gpu.wait()
-        self._argument = np.zeros(self._layout.argument_bytes, np.uint8)
+        self._argument = np.zeros(self.layout.argument_bytes, np.uint8)
         self._reads: DeviceMemory | None = None
 
     def argument(
@@ -234,8 +253,8 @@ class _Pattern:
             self._gpu.wait()
             row_reads = self._reads.address
         now = state.numbers
-        self._layout.copy_arguments(
-            constant=self._constant.address,
+        self.layout.copy_arguments(
+            constant=self.constant.address,
             arrays=state.there.addresses,
             luminance=light.memory.address,
             clock_us=now.clock_us,
@@ -309,25 +328,38 @@ class PixelScratch:
         # most ticks need little of it
         self._first = ALL_BYTES + CROSSING_BYTES * LEAST_ROOM
 
-    def pack(self, place: object, pack: object) -> TickCounts:
-        """Pack the crossings of all blocks, and wait.
+    def pack(self, place: object, pack: object, count: int) -> TickCounts:
+        """Pack the crossings of blocks, and wait.
 
         Args:
             place: The kernel `place_crossings`.
             pack: The kernel `pack_crossings`.
+            count: How many blocks were stepped.
         """
         counts, offsets, found = (
             memory.argument for memory in (self.counts, self.offsets, self.found)
         )
-        blocks, slots = np.array([self._blocks], np.uint32), self.slots.argument
+        blocks, slots = np.array([count], np.uint32), self.slots.argument
         each, room = np.array([self.crossings], np.uint32), np.array([self.room], np.uint32)
         packed = found + np.uint64(ALL_BYTES)
-        grid = (-(-self._blocks // THREADS), 1, 1)
+        grid = (-(-count // THREADS), 1, 1)
         launch = self._gpu.launch
         launch(place, (1, 1, 1), SCAN_THREADS, counts, blocks, offsets, found)
         launch(pack, grid, THREADS, counts, blocks, slots, each, offsets, found, room, packed)
         self._gpu.download(self._here[: self._first], self.found)
         return TickCounts(*self._here[:ALL_BYTES].view(np.uint32).tolist())
+
+    def offsets_of(self, blocks: int) -> npt.NDArray[np.uint32]:
+        """Where the crossings of the first so many blocks begin among those that are packed."""
+        found = np.empty(blocks, np.uint32)
+        self._gpu.download(found, self.offsets)
+        return found
+
+    def clamped_of(self, blocks: int) -> npt.NDArray[np.uint32]:
+        """How many pixels of the first so many blocks had unusable luminance."""
+        found = np.empty((blocks, COUNTS_BYTES // 4), np.uint32)
+        self._gpu.download(found, self.counts)
+        return found[:, 2]
 
     def packed(self, count: int) -> npt.NDArray[np.uint8]:
         """The bytes of so many crossings."""
@@ -335,6 +367,13 @@ class PixelScratch:
         if size > self._first:
             self._gpu.download(self._here[:size], self.found)
         return self._here[ALL_BYTES:size]
+
+
+def most_state_bytes(pixels: int) -> int:
+    """Bytes that the state of so many pixels has at most, laid out by base.gpu.arrays."""
+    sizes = [pixels * np.dtype(dtype).itemsize for dtype in FRAMES.values()]
+    sizes += len(BLOCKS) * [8 * -(-pixels // BLOCK)]
+    return sum(-(-size // ALIGNMENT) * ALIGNMENT for size in sizes)
 
 
 def _power(count: int) -> int:

@@ -21,12 +21,20 @@ def test_instructions_are_those_of_a_cpu(kernel: str, architecture: int) -> None
 
 
 @pytest.mark.parametrize(
-    ("architecture", "channels", "adaptive"), [(75, 1, 1), (80, 3, 0), (90, 1, 0), (120, 3, 1)]
+    ("architecture", "channels", "kernel"),
+    [
+        *((75, 1, "second_pass"), (80, 3, "direct"), (90, 1, "direct_of_many")),
+        (120, 3, "second_pass"),
+    ],
 )
-def test_those_of_direct_are_too(architecture: int, channels: int, adaptive: int) -> None:
-    defined = {"EVS_CHANNELS": channels, "EVS_ADAPTIVE": adaptive}
+def test_those_of_direct_are_too(architecture: int, channels: int, kernel: str) -> None:
+    defined = {
+        "EVS_CHANNELS": channels,
+        "EVS_ADAPTIVE": int(kernel == "second_pass"),
+        "EVS_MANY": int(kernel == "direct_of_many"),
+    }
     ptx = compiled("direct", f"compute_{architecture}", defined).decode()
-    assert (".entry second_pass" in ptx) == bool(adaptive)
+    assert f".entry {kernel}(" in ptx
     assert faults(ptx) == []
 
 

@@ -8,6 +8,8 @@ import pytest
 from gpu.compile import compiled
 from gpu.ptx import faults
 
+from evs.emulator.sensor.gpu.pixel import KERNELS, KERNELS_OF_MANY
+
 DAVIS = {"EVS_RUNNING_MEAN": 0, "EVS_PHOTON_NOISE": 0, "EVS_SHOT_NOISE": 1, "EVS_LOG": 0}
 
 
@@ -15,14 +17,14 @@ DAVIS = {"EVS_RUNNING_MEAN": 0, "EVS_PHOTON_NOISE": 0, "EVS_SHOT_NOISE": 1, "EVS
     ("architecture", "terms"),
     [
         (75, {**DAVIS, "EVS_FILTER": 2}),
+        (80, {**DAVIS, "EVS_FILTER": 0, "EVS_MANY": 1}),
         (120, {**DAVIS, "EVS_LOG": 1, "EVS_FILTER": 1, "EVS_RUNNING_MEAN": 1}),
         (90, {"EVS_PHOTON_NOISE": 1, "EVS_RUNNING_MEAN": 0, "EVS_LOG": 2, "EVS_FILTER": 0}),
     ],
-    ids=["davis", "euler", "photons"],
+    ids=["davis", "many", "euler", "photons"],
 )
 def test_instructions_are_those_of_a_cpu(architecture: int, terms: dict[str, int]) -> None:
     ptx = compiled("pixels", f"compute_{architecture}", terms).decode()
-    assert set(re.findall(r"\.entry (\w+)", ptx)) == {
-        *("prepare", "step_blocks", "place_crossings", "pack_crossings")
-    }
+    kernels = KERNELS_OF_MANY if "EVS_MANY" in terms else KERNELS
+    assert set(re.findall(r"\.entry (\w+)", ptx)) == set(kernels)
     assert faults(ptx) == []

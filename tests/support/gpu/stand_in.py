@@ -13,6 +13,7 @@ import pytest
 
 from evs.emulator import _core
 from evs.emulator.base.gpu import compiler, driver
+from evs.emulator.base.gpu.driver import DevicePart
 from evs.emulator.camera import event_models
 from evs.emulator.render import selection
 
@@ -68,12 +69,12 @@ class StandInGpu:
     def pinned(self, shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         return np.zeros(shape, dtype)
 
-    def upload(self, memory: StandInMemory, source: npt.NDArray[Any]) -> None:
-        assert source.nbytes <= memory.bytes.nbytes
-        memory.bytes[: source.nbytes] = source.reshape(-1).view(np.uint8)
+    def upload(self, memory: StandInMemory | DevicePart, source: npt.NDArray[Any]) -> None:
+        assert isinstance(memory, DevicePart) or source.nbytes <= memory.bytes.nbytes
+        ctypes.memmove(memory.address, source.ctypes.data, source.nbytes)
         self.uploaded += source.nbytes
 
-    def download(self, target: npt.NDArray[Any], memory: StandInMemory) -> None:
+    def download(self, target: npt.NDArray[Any], memory: StandInMemory | DevicePart) -> None:
         ctypes.memmove(target.ctypes.data, memory.address, target.nbytes)
 
     def load(self, code: bytes) -> bytes:
@@ -89,6 +90,13 @@ class StandInGpu:
         """All the work of a frame in its last kernel."""
         if kernel == "step_blocks":
             _core.step_device_pixels(arguments[0])
+        if kernel == "step_blocks_of_many":
+            for row in _rows(arguments[0], blocks[1], int(arguments[1][0])):
+                _core.step_device_pixels(row)
+        if kernel == "direct_of_many":
+            for row in _rows(arguments[0], blocks[2], int(arguments[1][0])):
+                light = _rows(row[-8:].view(np.uint64), 1, 4 * self.shape[0] * self.shape[1])
+                _core.trace_device_frame(row[:-8], light.view(np.float32).reshape(self.shape))
         if kernel == "pack_crossings":
             _core.pack_device_crossings(*[int(argument[0]) for argument in arguments])
         if kernel in ("direct", "first_pass", "trace_samples"):
@@ -105,6 +113,12 @@ class StandInGpu:
 
     shape = (0, 0)
     """height and width of the image, which a test says"""
+
+
+def _rows(address: npt.NDArray[Any], rows: int, size: int) -> npt.NDArray[np.uint8]:
+    """Memory as (rows, size) uint8."""
+    memory = (ctypes.c_uint8 * (rows * size)).from_address(int(address[0]))
+    return np.frombuffer(memory, np.uint8).reshape(rows, size)
 
 
 def stand_in(monkeypatch: pytest.MonkeyPatch, *modules: ModuleType) -> StandInGpu | None:

@@ -23,16 +23,17 @@ namespace evs {
 
 #if EVS_MANY
 
-// All samples of every pixel of as many cameras as the grid is deep. In: their frames, `stride`
-// bytes apart. Out: (cameras, h, w).
+// All samples of every pixel of as many cameras as the grid is deep. In: rows of `stride` bytes
+// which begin with a frame and end with where its light goes.
 extern "C" __global__ void __launch_bounds__(128, EVS_BLOCKS)
-    direct_of_many(const char* frames, unsigned stride, float* luminance) {
-  const Frame& frame =
-      *reinterpret_cast<const Frame*>(frames + static_cast<size_t>(blockIdx.z) * stride);
+    direct_of_many(const char* rows, unsigned stride) {
+  const char* row = rows + static_cast<size_t>(blockIdx.z) * stride;
+  const Frame& frame = *reinterpret_cast<const Frame*>(row);
+  float* luminance = *reinterpret_cast<float* const*>(row + stride - sizeof(float*));
   int x, y;
   if (!pixel_of_thread(frame, x, y)) return;
-  long row = static_cast<long>(blockIdx.z) * frame.height + y;
-  cuda::trace_scattered<EVS_CHANNELS>(frame, &x, &y, 1, luminance + row * frame.width + x, nullptr);
+  float* out = luminance + static_cast<long>(y) * frame.width + x;
+  cuda::trace_scattered<EVS_CHANNELS>(frame, &x, &y, 1, out, nullptr);
 }
 
 #elif !EVS_ADAPTIVE

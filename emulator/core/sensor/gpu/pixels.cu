@@ -42,9 +42,12 @@ extern "C" __global__ void __launch_bounds__(64)
 
 #else
 
-// Step every block of as many cameras as the grid is high.
-extern "C" __global__ void __launch_bounds__(64) step_blocks(const DevicePixels* cameras) {
-  step_block_of_thread(cameras[blockIdx.y]);
+// Step every block of as many cameras as the grid is high. In: their arguments, `stride` bytes
+// apart.
+extern "C" __global__ void __launch_bounds__(64)
+    step_blocks_of_many(const char* cameras, unsigned stride) {
+  const char* camera = cameras + static_cast<size_t>(blockIdx.y) * stride;
+  step_block_of_thread(*reinterpret_cast<const DevicePixels*>(camera));
 }
 
 #endif

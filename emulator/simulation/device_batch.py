@@ -1,0 +1,232 @@
+"""DeviceBatch: the cameras of many worlds on a GPU, all of them in one launch of each kernel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.emulator import _core
+from evs.emulator.base.gpu.arrays import ALIGNMENT, layout_of
+from evs.emulator.base.gpu.compiler import kernels_of
+from evs.emulator.base.gpu.driver import DeviceMemory, DevicePart, the_gpu
+from evs.emulator.base.scene import F64, I32
+from evs.emulator.camera.camera import LentCamera
+from evs.emulator.render.gpu.scene import THREADS as IMAGE_THREADS
+from evs.emulator.render.gpu.scene import UploadedScene
+from evs.emulator.sensor.gpu.pixel import (
+    KERNELS_OF_MANY,
+    THREADS,
+    CudaPlainModel,
+    CudaPlainState,
+    PixelScratch,
+    most_state_bytes,
+)
+from evs.emulator.sensor.pixel import BLOCK
+
+Poses = tuple[F64, F64, F64, F64, F64, F64]
+"""as `_core.CameraBatch.step` takes them"""
+
+
+class DeviceBatch:
+    """Renders and steps cameras of a `_core.CameraBatch` on a GPU, with the bytes of one by one."""
+
+    def __init__(self, native: _core.CameraBatch, cameras: int) -> None:
+        """Set up; no camera is there yet.
+
+        Args:
+            native: The batch; it places everything, and keeps the events.
+            cameras: How many it has.
+
+        Raises:
+            EvsError: There is no GPU.
+        """
+        self._native, self._cameras, self._gpu = native, cameras, the_gpu()
+        self._lent: dict[int, LentCamera] = {}
+        self._terms: dict[str, int] = {}
+        self._shape = (0, 0)
+
+    def put(self, camera: int, lent: LentCamera) -> None:
+        """Take a camera in, after `put` of the native batch.
+
+        Args:
+            camera: Its number.
+            lent: Its renderer and pixels, which are on the GPU.
+
+        Raises:
+            EvsError: The GPU has no more memory.
+        """
+        scene, model, state = _parts(lent)
+        self._gpu.use()
+        if not self._lent:
+            self._allocate(scene, model)
+        self._lent[camera] = lent
+        arrays = state.fetched().arrays()
+        offsets, _ = layout_of(arrays)
+        for name, array in arrays.items():
+            at = offsets[name]
+            self._state[at : at + array.nbytes] = array.reshape(-1).view(np.uint8)
+        slot = self._slot(camera)
+        self._gpu.upload(slot, self._state)
+        self._gpu.wait()
+        pattern = model.pattern_on_device(state.numbers.seed)
+        self._native.put_on_device(
+            camera,
+            scene.layout,
+            scene.constant.address,
+            pattern.layout,
+            pattern.constant.address,
+            {name: slot.address + at for name, at in offsets.items()},
+        )
+        # kernels are for the terms of all cameras
+        for name, value in model.kernel_terms.items():
+            before = self._terms.setdefault(name, value)
+            any_of_them = -1 if name in ("EVS_LOG", "EVS_FILTER") else 1
+            self._terms[name] = value if value == before else any_of_them
+
+    def settle(self, camera: int, stepped: bool) -> None:
+        """Put a camera back into its renderer and pixels.
+
+        Args:
+            camera: Its number.
+            stepped: Whether it was stepped since `put`.
+        """
+        lent = self._lent[camera]
+        if not stepped:
+            return
+        scene, _, state = _parts(lent)
+        self._gpu.use()
+        self._gpu.download(self._state, self._slot(camera))
+        arrays = state.numbers.arrays()
+        offsets, _ = layout_of(arrays)
+        for name, array in arrays.items():
+            at = offsets[name]
+            array.reshape(-1).view(np.uint8)[:] = self._state[at : at + array.nbytes]
+        state.there.push()
+        light = DevicePart(self._light.address + camera * scene.luminance.nbytes)
+        self._gpu.download(scene.luminance, light)
+
+    def step(
+        self, which: I32, poses: Poses, t_begin_us: npt.NDArray[np.int64], tick_us: int
+    ) -> None:
+        """Render a tick of some cameras and step their pixels.
+
+        Args:
+            which: As of `_core.CameraBatch.step`.
+            poses: As there, by world and by camera.
+            t_begin_us: As there.
+            tick_us: As there.
+
+        Raises:
+            EvsError: More events than memory.
+        """
+        gpu, count, scratch = self._gpu, len(which), self._scratch
+        gpu.use()
+        macros = {**self._terms, "EVS_MANY": 1}
+        _, step, place, pack = kernels_of(gpu, "sensor/pixels", KERNELS_OF_MANY, macros)
+        self._make_room(max(_parts(self._lent[c])[0].layout.tick_bytes for c in which.tolist()))
+        blocks = count * self._blocks
+        gpu.copy(self._kept, self._states, self._cameras * self._stride)
+        rendered = stepped = False
+        while True:
+            self._native.lay_out(
+                which,
+                *poses,
+                tick_us,
+                tick=self._tick.address,
+                luminance=self._light.address,
+                crossings=scratch.slots.address,
+                crossing_room=scratch.crossings,
+                candidates=scratch.drawn.address,
+                candidate_room=scratch.candidates,
+                counts=scratch.counts.address,
+                staged=self._staged,
+                frames=self._frames_here,
+                pixels=self._pixels_here,
+            )
+            if not rendered:
+                gpu.upload(self._tick, self._staged[:count])
+                gpu.upload(self._frames, self._frames_here[:count])
+                stride = np.array([self._frames_here.shape[1]], np.uint32)
+                frames = self._frames.argument
+                gpu.launch(self._render, (*self._grid, count), IMAGE_THREADS, frames, stride)
+                rendered = True
+            if not stepped:
+                gpu.upload(self._pixels, self._pixels_here[:count])
+                grid = (-(-self._blocks // THREADS), count, 1)
+                stride = np.array([self._pixels_here.shape[1]], np.uint32)
+                gpu.launch(step, grid, THREADS, self._pixels.argument, stride)
+                stepped = True
+            found = scratch.pack(place, pack, blocks)
+            if scratch.is_short(found):
+                # again, with room for what a block needs
+                gpu.copy(self._states, self._kept, self._cameras * self._stride)
+                scratch.make_blocks(found)
+                stepped = False
+            elif found.crossings > scratch.room:
+                scratch.make_room(found.crossings)
+            else:
+                break
+        begins = np.append(scratch.offsets_of(blocks)[:: self._blocks], np.uint32(found.crossings))
+        clamped = np.zeros(count, np.int64)
+        if found.clamped:
+            clamped = scratch.clamped_of(blocks).reshape(count, -1).sum(1, dtype=np.int64)
+        crossings = scratch.packed(found.crossings)
+        self._native.take_tick(which, crossings, begins, clamped, t_begin_us, tick_us)
+
+    def _slot(self, camera: int) -> DevicePart:
+        """Where the state of a camera lies."""
+        return DevicePart(self._states.address + camera * self._stride)
+
+    def _allocate(self, scene: UploadedScene, model: CudaPlainModel) -> None:
+        """Memory for all cameras, which are like the first one."""
+        gpu, cameras = self._gpu, self._cameras
+        height, width = scene.luminance.shape
+        self._blocks = -(-height * width // BLOCK)
+        self._stride = most_state_bytes(height * width)
+        self._state = gpu.pinned((self._stride,), np.uint8)
+        self._states = gpu.allocate(cameras * self._stride)
+        self._kept = gpu.allocate(cameras * self._stride)
+        self._light = gpu.allocate(cameras * scene.luminance.nbytes)
+        self._scratch = PixelScratch(gpu, cameras * self._blocks)
+        self._grid = scene.blocks
+        # and where its light goes
+        frame_bytes = scene.layout.argument_bytes + 8
+        pixel_bytes = model.pattern_on_device(0).layout.argument_bytes
+        self._frames_here = gpu.pinned((cameras, frame_bytes), np.uint8)
+        self._pixels_here = gpu.pinned((cameras, pixel_bytes), np.uint8)
+        self._frames = gpu.allocate(cameras * frame_bytes)
+        self._pixels = gpu.allocate(cameras * pixel_bytes)
+        self._staged: npt.NDArray[np.uint8] = np.empty((0, 0), np.uint8)
+        self._tick: DeviceMemory
+        macros = {"EVS_CHANNELS": scene.channels, "EVS_ADAPTIVE": 0, "EVS_MANY": 1}
+        (self._render,) = kernels_of(gpu, "render/direct", ("direct_of_many",), macros)
+
+    def _make_room(self, tick_bytes: int) -> None:
+        """Make room for what a tick of each camera changes."""
+        if self._staged.shape[1] < tick_bytes:
+            tick_bytes = -(-tick_bytes // ALIGNMENT) * ALIGNMENT
+            self._staged = self._gpu.pinned((self._cameras, tick_bytes), np.uint8)
+            self._tick = self._gpu.allocate(self._staged.nbytes)
+
+
+def fit_together(one: LentCamera, other: LentCamera) -> bool:
+    """Whether two cameras may be in one batch; those on the CPU may."""
+    if one.renderer.device is None and other.renderer.device is None:
+        return True
+    if one.renderer.device is None or other.renderer.device is None:
+        return False
+    ours, theirs = _parts(one)[0], _parts(other)[0]
+    return ours.luminance.shape == theirs.luminance.shape and ours.channels == theirs.channels
+
+
+def _parts(lent: LentCamera) -> tuple[UploadedScene, CudaPlainModel, CudaPlainState]:
+    """What a camera has on the GPU."""
+    scene: Any = lent.renderer.device
+    state: Any = lent.pixels.device
+    model = lent.pixels.model
+    assert isinstance(scene, UploadedScene)
+    assert isinstance(state, CudaPlainState)
+    assert isinstance(model, CudaPlainModel)
+    return scene, model, state
