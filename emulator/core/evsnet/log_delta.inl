@@ -1,7 +1,7 @@
-// Luminance to the log intensity difference X_k = L_log(k) - L_log(k - 1), tile by tile (the
-// paper's equation 1). Luminance is mapped as by `log_intensity` in sensor/pixel_front_end.h.
+// Luminance to the log intensity difference X, tile by tile.
 #pragma once
 
+#include "log_delta_lanes.inl"
 #include "network_kernel.h"
 #include "tile.inl"
 
@@ -82,25 +82,13 @@ uint32_t log_delta(const LogDeltaJob& job, const TilePlace& place, uint32_t chan
         store(out, splat(0.0f));
         continue;
       }
-      // map to log intensity, as is_usable and with_log_part; unusable light keeps the last one
-      const Float l_now = load(now + at), dn_now = load(dn + at);
-      const Mask usable = (l_now > -kBlack) & (dn_now <= kLargest);
-      const Float below = min(dn_now * splat(map.slope), splat(map.ln_knee));
-      const Float log_now = select(dn_now >= map.knee, load(part + at), below);
-      const Float new_log = select(usable, log_now, last_log);
-      // difference and clamp; the first light only sets L_log
-      const Mask known = (last_log <= 0.0f) | (last_log >= 0.0f);
-      const Float delta = select(known & inside, new_log - last_log, splat(0.0f));
-      const Float clamped = min(max(delta, splat(-kLargestX)), splat(kLargestX));
-      const Mask nonzero = ~((clamped <= 0.0f) & (clamped >= 0.0f));
-      const Mask unclamped = (clamped <= delta) & (delta <= clamped);
-      store(out, clamped);
-      last_log = new_log;
-      last_luminance = select(usable, l_now, last_luminance);
-      last_moved = select(nonzero, splat(t), last_moved);
-      moved_ticks |= (any(nonzero) ? 1u : 0u) << t;
-      counts.x_clamped += __builtin_popcount(to_bits(~unclamped));
-      counts.clamped += __builtin_popcount(to_bits(~usable & inside));
+      const LogDelta delta = log_delta_lanes(map, load(now + at), load(dn + at), load(part + at),
+                                             inside, last_luminance, last_log);
+      store(out, delta.x);
+      last_moved = select(delta.nonzero, splat(t), last_moved);
+      moved_ticks |= (any(delta.nonzero) ? 1u : 0u) << t;
+      counts.x_clamped += __builtin_popcount(to_bits(~delta.unclamped));
+      counts.clamped += __builtin_popcount(to_bits(~delta.usable & inside));
       at += kLanes;
     }
     store(luminance + first, last_luminance);

@@ -5,6 +5,7 @@
 #include <new>
 
 #include "isa.h"
+#include "spike_time.h"
 
 namespace evs {
 
@@ -291,9 +292,6 @@ void NetworkArray::add_crossings(const BiLifJob& job, size_t down) {
     for (uint32_t lanes = job.on[t] | job.off[t]; lanes != 0; lanes &= lanes - 1) {
       const int lane = std::countr_zero(lanes);
       const bool on = (job.on[t] >> lane & 1) != 0;
-      // V is a line from d V to d V + I. What was at its threshold before is what a large step
-      // left: what it has beyond whole thresholds is the share of the tick that remains, so that
-      // the stamps of many pixels spread evenly
       const double leaked = job.leaked[t * kLanes + lane];
       const double current = job.current[t * kLanes + lane];
       const double threshold = on ? settings_.bilif.v_on : -settings_.bilif.v_off;
@@ -301,12 +299,7 @@ void NetworkArray::add_crossings(const BiLifJob& job, size_t down) {
       const size_t row = static_cast<size_t>(lane / kTileSide);
       const size_t pixel = job.place.pixel + row * width_ + static_cast<size_t>(lane % kTileSide);
       for (int n = 1; n <= count; n++) {
-        const double level = n * threshold;
-        const bool below = (on ? leaked < level : leaked > level) && current != 0.0;
-        const double inside = leaked / threshold;
-        const uint32_t stamp = below
-                                   ? crossing_time(level - leaked, current, tick)
-                                   : crossing_time(1.0 - (inside - std::floor(inside)), 1.0, tick);
+        const uint32_t stamp = spike_time(leaked, current, threshold, n, tick);
         rows[row].push_back({static_cast<uint32_t>(pixel), (stamp << kTagBits) | (on ? 1u : 0u)});
       }
     }
