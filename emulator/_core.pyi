@@ -3,7 +3,7 @@ The native core: the ray caster, the event pixel and the event network.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated
+from typing import Annotated, Final
 
 import numpy
 from numpy.typing import NDArray
@@ -663,6 +663,56 @@ class NetworkArray:
     @property
     def tiles(self) -> tuple:
         """The number of tiles of 4 x 4 pixels, (down, across)."""
+
+class DeviceNetwork:
+    """EvSNet on a device with memory of its own: what its kernels read."""
+
+    def __init__(self, network: NetworkArray) -> None:
+        """
+        Args:
+            network: Size, network and unit; its threads stay unused.
+        """
+
+    def constants(self, address: int) -> Annotated[NDArray[numpy.uint8], dict(shape=(None,))]:
+        """
+        Return (n,) uint8, the block of memory that stays.
+
+        Args:
+            address: Where it will lie on the device.
+        """
+
+    def argument(self, constants: int, *, last_luminance: int, last_log: int, v: int, last: int, moved: int, fifo: int, current: int, leaked: int, marks: int, groups: int, totals: int) -> Annotated[NDArray[numpy.uint8], dict(shape=(None,))]:
+        """
+        Return (n,) uint8, the first argument of every kernel.
+
+        Args:
+            constants: Where that block lies on the device, as all others.
+            last_luminance, last_log, v: (h, w) float32, of the state.
+            last, moved: (h, w) int64, of the state: the tick of v, the last one with X != 0.
+            fifo: (6, feature, h, w) float32, of the state; tick n is in slot n mod 6.
+            current, leaked: (h, w) float32, written in each tick.
+            marks: (h, w) uint16, what each pixel did in a tick.
+            groups: (4, groups) uint32, counts of groups of `group` pixels.
+            totals: (4,) uint32, those of all: spikes, pixels whose luminance was replaced,
+                whose X was clamped and whose V was clamped.
+        """
+
+    group: Final[int] = ...
+    """The pixels of a group."""
+
+    @property
+    def constant_bytes(self) -> int:
+        """Bytes of what stays."""
+
+def launch_network_kernel(kernel: str, blocks: int, threads: int, arguments: Sequence[Annotated[NDArray, dict(order='C', device='cpu', writable=False)]]) -> None:
+    """
+    Run a kernel of EvSNet on the CPU, whose addresses are those of arrays: for tests.
+
+    Args:
+        kernel: The name of a kernel of evsnet/gpu/network.cu.
+        blocks, threads: How many blocks are launched, and threads of each.
+        arguments: Arrays with the bytes of its arguments.
+    """
 
 def light_of_numbers(numbers: Annotated[NDArray, dict(device='cpu', writable=False)], tables: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], light: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')]) -> None:
     """

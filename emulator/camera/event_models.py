@@ -41,7 +41,11 @@ MODELS = {
         "evs.emulator.sensor.pixel:adaptive_model",
         cuda="evs.emulator.sensor.gpu.pixel:adaptive_model",
     ),
-    "evsnet": ModelRow("evs.emulator.evsnet.model:evsnet_model", chunked=True),
+    "evsnet": ModelRow(
+        "evs.emulator.evsnet.model:evsnet_model",
+        cuda="evs.emulator.evsnet.gpu.model:evsnet_model",
+        chunked=True,
+    ),
 }
 """model.name -> its row"""
 
@@ -90,10 +94,11 @@ def device_of(request: ModelRequest) -> str:
         raise unknown("model.device", device, DEVICES)
     if device == "cpu":
         return "cpu"
-    reason = why_no_gpu()
-    if not MODELS[request.model.name].cuda:
-        able = " and ".join(name for name, row in MODELS.items() if row.cuda)
-        reason = f"model.name is {request.model.name}, and a GPU runs {able} only"
+    reason, name, runtime = why_no_gpu(), request.model.name, request.model.runtime
+    if not MODELS[name].cuda:
+        reason = f"a GPU does not run model.name {name}"
+    elif name == "evsnet" and runtime != "native":
+        reason = f"a GPU runs model.runtime native only, not {runtime}"
     if reason and device == "cuda":
         raise EvsError(f"model.device is cuda, but {reason}; take cpu, or auto")
     return "cpu" if reason else "cuda"

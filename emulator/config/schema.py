@@ -213,7 +213,7 @@ class ModelConfig:
     what a large step leaves fires in later ticks (saturation) | many: as many as the step is worth,
     at most 64"""
     device: str = "cpu"
-    """cpu | cuda: an NVIDIA GPU (plain and adaptive, needs evs[cuda]) | auto: cuda where it can;
+    """cpu | cuda: an NVIDIA GPU (evsnet: runtime native; needs evs[cuda]) | auto: cuda where it can;
     the events are the same"""
     labels: bool = False
     """label every event with its cause (signal, leak, shot noise, hot pixel), and with geom, class,

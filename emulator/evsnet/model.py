@@ -198,8 +198,15 @@ class EvsNetModel:
 
     def _checked(self, luminance: F32, state: NetworkState, t_begin_us: int, tick_us: int) -> F32:
         """The light as runtimes want it. Raises EvsError where it cannot be stepped."""
+        self._check(np.shape(luminance), state, t_begin_us, tick_us)
+        with np.errstate(over="ignore", invalid="ignore"):  # a float64 may be no float32
+            return np.ascontiguousarray(luminance, np.float32)
+
+    def _check(
+        self, found: tuple[int, ...], state: NetworkState, t_begin_us: int, tick_us: int
+    ) -> None:
+        """Raise EvsError where light of that shape, (ticks, h, w), cannot be stepped."""
         shape = (self.sensor.height, self.sensor.width)
-        found = np.shape(luminance)
         if found[1:] != shape:
             raise EvsError(f"luminance is {found[1:]}, the sensor (height, width) is {shape}")
         if tick_us != self.weights.tick_us:
@@ -210,8 +217,6 @@ class EvsNetModel:
         if max(-t_begin_us, t_begin_us + tick_us * found[0]) > MAX_TIME_US:
             raise EvsError(f"tick at {t_begin_us} us is beyond {MAX_TIME_US} us")
         self._check_state(state, found[0])
-        with np.errstate(over="ignore", invalid="ignore"):  # a float64 may be no float32
-            return np.ascontiguousarray(luminance, np.float32)
 
     def _check_state(self, state: NetworkState, ticks: int) -> None:
         if not isinstance(state, NetworkState):

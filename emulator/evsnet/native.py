@@ -63,12 +63,18 @@ class NativeRuntime:
         if isa != "auto" and isa not in _core.isa_available():
             raise EvsError(f"this machine cannot run instruction set '{isa}'; use auto")
         self.weights = weights
-        self._shape = (sensor.height, sensor.width)
-        self._dense = not sparse
+        self.shape = (sensor.height, sensor.width)
+        self.dense = not sparse
+        """whether every pixel is computed in every tick"""
+        self.thresholds = (
+            np.float32(sensor.pos_thres / weights.threshold),
+            np.float32(sensor.neg_thres / weights.threshold),
+        )
+        """V_on and V_off"""
         decay = decay_tables(weights.tau_s, weights.tick_us)
         zeros = np.zeros(weights.channels, np.float32)
         biases = [zeros if c.bias is None else c.bias for c in weights.convolutions]
-        self._array = _core.NetworkArray(
+        self.array = _core.NetworkArray(
             sensor.width,
             sensor.height,
             weights=np.concatenate([c.weight.ravel() for c in weights.convolutions]),
@@ -76,8 +82,8 @@ class NativeRuntime:
             delays=np.array([block.look_ahead for block in weights.blocks], np.int32),
             last=np.ascontiguousarray(weights.last),
             last_bias=weights.last_bias,
-            v_on=sensor.pos_thres / weights.threshold,
-            v_off=sensor.neg_thres / weights.threshold,
+            v_on=float(self.thresholds[0]),
+            v_off=float(self.thresholds[1]),
             most=most,
             decay_low=decay.low,
             decay_high=decay.high,
@@ -85,27 +91,30 @@ class NativeRuntime:
             dark_dn=sensor.dark_dn,
             linlog_dn=weights.linlog_dn,
             tick_us=weights.tick_us,
-            dense=self._dense,
+            dense=self.dense,
             threads=threads,
             isa=isa,
         )
-        self._tiles: tuple[int, int] = self._array.tiles
+        self.tiles: tuple[int, int] = self.array.tiles
+        """how many, down and across"""
+        self.row_floats = int(self.array.row_floats)
+        """of the FIFOs of a tile"""
 
     def own_arrays(self) -> dict[str, np.ndarray[Any, Any]]:
         """Runtime.own_arrays. FIFOs of all tiles, or of none yet."""
-        tiles = self._tiles[0] * self._tiles[1]
-        fifo = np.zeros((tiles if self._dense else 0, self._array.row_floats), np.float32)
-        row = np.full(self._tiles, -1, np.int32)
-        if self._dense:
-            row = np.arange(tiles, dtype=np.int32).reshape(self._tiles)
+        tiles = self.tiles[0] * self.tiles[1]
+        fifo = np.zeros((tiles if self.dense else 0, self.row_floats), np.float32)
+        row = np.full(self.tiles, -1, np.int32)
+        if self.dense:
+            row = np.arange(tiles, dtype=np.int32).reshape(self.tiles)
             rest = np.concatenate(self.weights.rest())
             if np.any(rest):
                 fifo[:] = np.tile(rest, (KERNEL_SIZE - 1) * LANES)
         return {
             "fifo": fifo,
             "tile_row": row,
-            "tile_moved": np.full((*self._tiles, LANES), NEVER, np.int64),
-            "tile_loud": np.zeros(self._tiles, np.uint8),
+            "tile_moved": np.full((*self.tiles, LANES), NEVER, np.int64),
+            "tile_loud": np.zeros(self.tiles, np.uint8),
         }
 
     def check(self, state: NetworkState) -> None:
@@ -115,10 +124,10 @@ class NativeRuntime:
         check_arrays(
             state,
             {
-                "fifo": (np.float32, (rows, self._array.row_floats)),
-                "tile_row": (np.int32, self._tiles),
-                "tile_moved": (np.int64, (*self._tiles, LANES)),
-                "tile_loud": (np.uint8, self._tiles),
+                "fifo": (np.float32, (rows, self.row_floats)),
+                "tile_row": (np.int32, self.tiles),
+                "tile_moved": (np.int64, (*self.tiles, LANES)),
+                "tile_loud": (np.uint8, self.tiles),
             },
         )
 
@@ -131,9 +140,9 @@ class NativeRuntime:
         """
 
         def grow(rows: int) -> F32:
-            shape = (self._capacity(rows), self._array.row_floats)
+            shape = (self.capacity(rows), self.row_floats)
             # the system would grant it, and end the process when it is filled
-            check_growth(4 * shape[0] * shape[1], begin_us, *self._shape[::-1])
+            check_growth(4 * shape[0] * shape[1], begin_us, *self.shape[::-1])
             larger = np.zeros(shape, np.float32)
             larger[: len(state.arrays["fifo"])] = state.arrays["fifo"]
             state.arrays["fifo"] = larger
@@ -142,7 +151,7 @@ class NativeRuntime:
         arrays = {name: np.require(a, None, ["C", "W"]) for name, a in state.arrays.items()}
         state.arrays.update(arrays)
         try:
-            raw, clamped, x_clamped, v_clamped = self._array.step(
+            raw, clamped, x_clamped, v_clamped = self.array.step(
                 luminance, state.ticks, begin_us, grow=grow, currents=currents, **arrays
             )
         except MemoryError:
@@ -157,8 +166,8 @@ class NativeRuntime:
         state.v_clamped += v_clamped
         return [events.view(EVENT_DTYPE) for events in raw]
 
-    def _capacity(self, rows: int) -> int:
+    def capacity(self, rows: int) -> int:
         """Rows of memory for so many that are needed: in steps, however the chunks are cut."""
-        tiles = self._tiles[0] * self._tiles[1]
+        tiles = self.tiles[0] * self.tiles[1]
         step = max(64, -(-tiles // 16))
         return min(tiles, -(-rows // step) * step)

@@ -70,6 +70,9 @@ void pack_device_crossings(uint64_t counts, uint32_t blocks, uint64_t crossings,
 
 Bytes order_crossings(Array<const uint8_t, 1> crossings, int64_t t_begin_us, uint32_t tick_us,
                       uint32_t width, bool causes) {
+  require(crossings.shape(0) % sizeof(Crossing) == 0, "crossings must be whole");
+  BoundPixels::check_tick_us(tick_us);
+  require(width >= 1 && width <= 32767, "width must be in [1, 32767]");
   std::vector<std::vector<Crossing>> parts(1);
   parts[0].resize(crossings.shape(0) / sizeof(Crossing));
   if (!parts[0].empty()) {

@@ -1,13 +1,18 @@
-// Python binding of EvSNet: NetworkArray, the runtime `native`.
+// Python binding of EvSNet: NetworkArray, the runtime `native`, and what it takes to run it on a
+// GPU.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
 
 #include <cmath>
+#include <cstring>
 #include <mutex>
 #include <optional>
+#include <vector>
 
+#include "device_constants.h"
 #include "gil.h"
 #include "network_array.h"
 
@@ -146,6 +151,7 @@ class BoundNetwork {
   }
 
   size_t row_floats() const { return row_floats_; }
+  const NetworkArray& array() const { return *array_; }
   nb::tuple tiles() const { return nb::make_tuple(array_->tiles_down(), array_->tiles_across()); }
 
  private:
@@ -175,6 +181,47 @@ class BoundNetwork {
   std::mutex callers_;  // one call at a time: the scratch memory is shared
   std::unique_ptr<NetworkArray> array_;
 };
+
+// The number of an address.
+template <class T>
+T* at(uint64_t address) {
+  return reinterpret_cast<T*>(address);
+}
+
+Bytes constants_of(const DeviceConstants& constants, uint64_t address) {
+  char* out = new char[constants.bytes()]();
+  nb::capsule owner(out, [](void* p) noexcept { delete[] static_cast<char*>(p); });
+  constants.copy(address, out);
+  return Bytes(reinterpret_cast<uint8_t*>(out), {constants.bytes()}, owner);
+}
+
+Bytes argument_of(const DeviceConstants& constants, uint64_t address, uint64_t last_luminance,
+                  uint64_t last_log, uint64_t v, uint64_t last, uint64_t moved, uint64_t fifo,
+                  uint64_t current, uint64_t leaked, uint64_t marks, uint64_t groups,
+                  uint64_t totals) {
+  const DeviceNetworkArrays arrays = {
+      at<float>(last_luminance), at<float>(last_log),  at<float>(v),        at<int64_t>(last),
+      at<int64_t>(moved),        at<float>(fifo),      at<float>(current),  at<float>(leaked),
+      at<uint16_t>(marks),       at<uint32_t>(groups), at<uint32_t>(totals)};
+  auto* made = new DeviceNetwork(constants.argument(address, arrays));
+  nb::capsule owner(made, [](void* p) noexcept { delete static_cast<DeviceNetwork*>(p); });
+  return Bytes(reinterpret_cast<uint8_t*>(made), {sizeof(DeviceNetwork)}, owner);
+}
+
+using Argument = nb::ndarray<nb::ro, nb::c_contig, nb::device::cpu>;
+
+void launch_kernel(const std::string& kernel, size_t blocks, size_t threads,
+                   const std::vector<Argument>& arguments) {
+  std::vector<const void*> places;
+  for (size_t i = 0; i < arguments.size(); i++) {
+    require(arguments[i].nbytes() == (i == 0 ? sizeof(DeviceNetwork) : sizeof(uint64_t)),
+            "the first argument is that of DeviceNetwork, the others have 8 bytes");
+    places.push_back(arguments[i].data());
+  }
+  GilRelease release;
+  FlushDenormals flush;
+  run_network_kernel(kernel, blocks, threads, places);
+}
 
 }  // namespace
 
@@ -234,6 +281,49 @@ void bind_network(nb::module_& m) {
           "The floats in the FIFOs of a tile: [16][6][feature]; tick n is in slot n mod 6.")
       .def_prop_ro("tiles", &BoundNetwork::tiles,
                    "The number of tiles of 4 x 4 pixels, (down, across).");
+
+  nb::class_<DeviceConstants>(m, "DeviceNetwork",
+                              "EvSNet on a device with memory of its own: what its kernels read.")
+      .def(nb::new_(
+               [](const BoundNetwork& network) { return new DeviceConstants(network.array()); }),
+           nb::arg("network"), nb::keep_alive<0, 1>(),
+           "Args:\n"
+           "    network: Size, network and unit; its threads stay unused.")
+      .def("constants", &constants_of, nb::arg("address"),
+           "Return (n,) uint8, the block of memory that stays.\n"
+           "\n"
+           "Args:\n"
+           "    address: Where it will lie on the device.")
+      .def("argument", &argument_of, nb::arg("constants"), nb::kw_only(), nb::arg("last_luminance"),
+           nb::arg("last_log"), nb::arg("v"), nb::arg("last"), nb::arg("moved"), nb::arg("fifo"),
+           nb::arg("current"), nb::arg("leaked"), nb::arg("marks"), nb::arg("groups"),
+           nb::arg("totals"),
+           "Return (n,) uint8, the first argument of every kernel.\n"
+           "\n"
+           "Args:\n"
+           "    constants: Where that block lies on the device, as all others.\n"
+           "    last_luminance, last_log, v: (h, w) float32, of the state.\n"
+           "    last, moved: (h, w) int64, of the state: the tick of v, the last one with X != 0.\n"
+           "    fifo: (6, feature, h, w) float32, of the state; tick n is in slot n mod 6.\n"
+           "    current, leaked: (h, w) float32, written in each tick.\n"
+           "    marks: (h, w) uint16, what each pixel did in a tick.\n"
+           "    groups: (4, groups) uint32, counts of groups of `group` pixels.\n"
+           "    totals: (4,) uint32, those of all: spikes, pixels whose luminance was replaced,\n"
+           "        whose X was clamped and whose V was clamped.")
+      .def_prop_ro_static(
+          "group", [](nb::handle) { return kGroup; }, "The pixels of a group.")
+      .def_prop_ro(
+          "constant_bytes", [](const DeviceConstants& constants) { return constants.bytes(); },
+          "Bytes of what stays.");
+
+  m.def("launch_network_kernel", &launch_kernel, nb::arg("kernel"), nb::arg("blocks"),
+        nb::arg("threads"), nb::arg("arguments"),
+        "Run a kernel of EvSNet on the CPU, whose addresses are those of arrays: for tests.\n"
+        "\n"
+        "Args:\n"
+        "    kernel: The name of a kernel of evsnet/gpu/network.cu.\n"
+        "    blocks, threads: How many blocks are launched, and threads of each.\n"
+        "    arguments: Arrays with the bytes of its arguments.");
 }
 
 }  // namespace evs

@@ -66,6 +66,11 @@ class NetworkArray {
   size_t tiles() const { return across_ * down_; }
   size_t tiles_across() const { return across_; }
   size_t tiles_down() const { return down_; }
+  size_t width() const { return width_; }
+  size_t height() const { return height_; }
+  const NetworkSettings& settings() const { return settings_; }
+  // Bits of the smallest positive luminance that is unusable.
+  uint32_t unusable_from() const { return unusable_from_; }
 
   // Sorted events of each tick. Adds to `counts`. One call at a time.
   std::vector<EventBuffer> step(NetworkArrays arrays, const NetworkChunk& chunk, const Grow& grow,

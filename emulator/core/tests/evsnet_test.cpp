@@ -8,8 +8,10 @@
 #include <string>
 #include <vector>
 
+#include "device_constants.h"
 #include "isa.h"
 #include "network_array.h"
+#include "scan.h"
 #include "selftest.h"
 
 namespace evs {
@@ -140,6 +142,48 @@ Result run(const NetworkSettings& settings, Size size, const std::vector<float>&
   return out;
 }
 
+// The same by the kernels of a device, thread after thread, in arrays without room to spare.
+Result run_on_device(const NetworkSettings& settings, Size size, const std::vector<float>& light) {
+  const NetworkArray array(settings, size.width, size.height, 1, "portable");
+  const DeviceConstants constants(array);
+  std::vector<char> block(constants.bytes() + 256);
+  char* aligned = block.data() + (256 - reinterpret_cast<uintptr_t>(block.data()) % 256) % 256;
+  constants.copy(reinterpret_cast<uint64_t>(aligned), aligned);
+  const size_t pixels = size.pixels(), groups = (pixels + kGroup - 1) / kGroup;
+  Result out;
+  out.v.assign(pixels, 0.3f);
+  out.last.assign(pixels, 0);
+  std::vector<float> last_luminance(pixels, -1.0f), last_log(pixels, kNan);
+  std::vector<int64_t> moved(pixels, -(int64_t{1} << 60));
+  std::vector<float> fifo(pixels * static_cast<size_t>(settings.network.fifo_floats()));
+  std::vector<float> current(pixels), leaked(pixels);
+  std::vector<uint16_t> marks(pixels);
+  std::vector<uint32_t> counts(kGroupCounts * groups), totals(kGroupCounts);
+  const DeviceNetwork network = constants.argument(
+      reinterpret_cast<uint64_t>(aligned),
+      {last_luminance.data(), last_log.data(), out.v.data(), out.last.data(), moved.data(),
+       fifo.data(), current.data(), leaked.data(), marks.data(), counts.data(), totals.data()});
+  const FlushDenormals flush;
+  const size_t blocks = (pixels + 127) / 128;
+  for (int64_t tick = 0; tick < kFrames; tick++) {
+    const float* frame = light.data() + static_cast<size_t>(tick) * pixels;
+    run_network_kernel("step_pixels", blocks, 128, {&network, &tick, &frame});
+    run_network_kernel("sum_groups", 1 + groups / 128, 128, {&network});
+    run_network_kernel("scan_groups", kGroupCounts, kScanThreads, {&network});
+    std::vector<std::vector<Crossing>> crossings(1, std::vector<Crossing>(totals[0]));
+    Crossing* to = crossings[0].data();
+    run_network_kernel("write_crossings", blocks, 128, {&network, &to});
+    const EventBuffer events =
+        order_events(crossings, 1000 * tick, 1000, static_cast<uint32_t>(size.width), false);
+    out.events.insert(out.events.end(), events.events.get(), events.events.get() + events.count);
+    out.currents.insert(out.currents.end(), current.begin(), current.end());
+    out.counts.clamped += totals[1];
+    out.counts.x_clamped += totals[2];
+    out.counts.v_clamped += totals[3];
+  }
+  return out;
+}
+
 void survives(Filters filters, Size size, int most = 1) {
   filters.settings.bilif.most = most;
   const std::vector<float> light = film(size);
@@ -162,6 +206,8 @@ void survives(Filters filters, Size size, int most = 1) {
       check(found.same_memory(expected), "every instruction set and cut leaves the same memory");
     }
   }
+  check(run_on_device(filters.settings, size, light).same_stream(expected),
+        "a device's kernels give the same stream");
   NetworkSettings dense = filters.settings;
   dense.dense = true;
   check(run(dense, size, light, "auto", 2, 13).same_stream(expected), "sparse is dense");

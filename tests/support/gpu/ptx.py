@@ -16,11 +16,11 @@ try:
 except RuntimeError as error:
     pytest.skip(f"no NVRTC: {error}", allow_module_level=True)
 
-ARITHMETIC = re.compile(r"\b(?:add|sub|mul|div|sqrt|min|max|abs|neg|setp)\.[\w.]*f32\b")
+ARITHMETIC = re.compile(r"\b(?:add|sub|mul|div|sqrt|min|max|abs|neg|setp|fma)\.[\w.]*f32\b")
 OTHER_ROUNDING = re.compile(r"\b(?:fma|mad\.r\w|\w+\.approx)[\w.]*")
 
 
 def faults(ptx: str) -> list[str]:
-    """Instructions that contract, approximate, or keep denormals of float32."""
+    """Instructions that contract, approximate, or keep denormals of float32; every fma."""
     unlike = [word for word in ARITHMETIC.findall(ptx) if ".ftz" not in word]
     return sorted({*unlike, *OTHER_ROUNDING.findall(ptx)})

@@ -15,6 +15,7 @@ from evs.emulator import _core
 from evs.emulator.base.gpu import compiler, driver
 from evs.emulator.base.gpu.driver import DevicePart
 from evs.emulator.camera import event_models
+from evs.emulator.evsnet.gpu.network import KERNELS as NETWORK_KERNELS
 from evs.emulator.render import selection
 
 
@@ -87,7 +88,10 @@ class StandInGpu:
     def launch(
         self, kernel: str, blocks: Sequence[int], threads: int, *arguments: npt.NDArray[Any]
     ) -> None:
-        """All the work of a frame in its last kernel."""
+        """Run the kernel; of renderers, all the work of a frame in its last one."""
+        if kernel in NETWORK_KERNELS:
+            _core.launch_network_kernel(kernel, blocks[0], threads, list(arguments))
+            return
         if kernel == "step_blocks":
             _core.step_device_pixels(arguments[0])
         if kernel == "step_blocks_of_many":

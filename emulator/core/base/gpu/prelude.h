@@ -4,6 +4,7 @@
 #define __asm__ asm
 #define __builtin_sqrtf(x) sqrtf(x)
 #define __builtin_fabsf(x) fabsf(x)
+#define __builtin_fmaf(a, b, c) __fmaf_rn(a, b, c)
 #define __builtin_inff() __int_as_float(0x7f800000)
 #define __builtin_ctz(x) (__ffs(static_cast<int>(x)) - 1)
 #define __builtin_ctzll(x) (__ffsll(static_cast<long long>(x)) - 1)
@@ -15,3 +16,7 @@
 #define EVS_NAMESPACE cuda
 #define EVS_INLINE __forceinline__
 #define EVS_OUTLINE __noinline__
+
+// before a loop that a GPU unrolls: what it indexes stays in registers
+#define EVS_TEXT(...) #__VA_ARGS__
+#define EVS_UNROLL(count) _Pragma(EVS_TEXT(unroll(count)))

@@ -1,0 +1,1 @@
+"""EvSNet on a GPU, with the bytes of the runtime `native`: the extra `cuda`."""
