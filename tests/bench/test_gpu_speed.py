@@ -1,5 +1,5 @@
-"""`direct` and `path` on a GPU beside the CPU: the bytes, the time of a frame, and of a whole tick
-in an open loop. Each film is rendered by both."""
+"""`direct`, `path` and EvSNet on a GPU beside the CPU: the bytes, the time of a frame, of a tick of
+the network, and of a whole tick in an open loop. Each film is rendered by both."""
 
 from __future__ import annotations
 
@@ -15,9 +15,12 @@ import pytest
 import evs
 from evs.drivers.clock import StopWatch
 from evs.emulator.base.cores import cores
+from evs.emulator.base.gpu.arrays import DeviceLight
 from evs.emulator.base.gpu.driver import the_gpu, why_no_gpu
+from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import ModelConfig, RenderConfig
 from evs.emulator.render import make_renderer
+from evs.emulator.sensor import SensorParameters
 from evs.emulator.simulation.pipelined import PipelinedWorld
 from reference.film import ROOM, VIEWS, Film, model_of
 
@@ -101,6 +104,61 @@ def test_a_frame_of_paths(robot_files: dict[str, Path]) -> None:
         print(
             f"| {name} | {size[0]} x {size[1]} | pan | {spp} | {spread(gpu_ms)} "
             f"| {spread(cpu_ms)} | {same} |",
+            flush=True,
+        )
+    assert differ == 0
+
+
+def ticks_of_network(
+    light: list[np.ndarray], device: str, threads: int = 0, here: bool = True
+) -> tuple[list[bytes], list[float]]:
+    """The events of each tick of `evsnet_c8`, and ms of each but the first TICKS.
+
+    Light lies on the device already, unless it is `here`.
+    """
+    height, width = light[0].shape
+    sensor = SensorParameters("bench", width, height, 0.2, 0.2)
+    config = ModelConfig(name="evsnet", network="evsnet_c8", device=device)
+    model = make_event_model(sensor, config, threads)
+    state = model.init(1)
+    there = None if here else DeviceLight(the_gpu(), (height, width))
+    events, ms = [], []
+    for tick, frame in enumerate(light):
+        if there is not None:
+            the_gpu().upload(there.memory, frame)
+            the_gpu().wait()
+            there.changed()
+        begin = perf_counter()
+        found, state = model.step(
+            frame if there is None else there, state, 1000 * tick, 1000 * tick + 1000
+        )
+        ms.append(1e3 * (perf_counter() - begin))
+        events.append(found.tobytes())
+    return events, ms[TICKS:]
+
+
+def test_a_tick_of_evsnet(robot_files: dict[str, Path]) -> None:
+    """Of 8 channels. `still` sees a robot that moves, `pan` makes every pixel move."""
+    print(f"\n{the_gpu().name}; {cores()} cores, {processor()}\n")
+    print(
+        "| image | camera | GPU, light there | GPU, light here | CPU, 1 thread | CPU, all | bytes |"
+    )
+    print("|---|---|---:|---:|---:|---:|---|")
+    differ = 0
+    for (width, height), motion in product(SIZES, ("still", "pan")):
+        model = model_of("gymnasium/humanoid", robot_files, soft=False)
+        film = Film(model, motion, width, height, 2 * TICKS, VIEWS["gymnasium/humanoid"])
+        renderer = make_renderer(film.scene, film.camera, RenderConfig(), 0)
+        light = [renderer.render(*taken).copy() for taken in film.taken]
+        expected, all_ms = ticks_of_network(light, "cpu")
+        _, one_ms = ticks_of_network(light, "cpu", 1)
+        there, there_ms = ticks_of_network(light, "cuda", here=False)
+        here, here_ms = ticks_of_network(light, "cuda")
+        same = "equal" if there == here == expected else "DIFFER"
+        differ += same == "DIFFER"
+        print(
+            f"| {width} x {height} | {motion} | {spread(there_ms)} | {spread(here_ms)} "
+            f"| {spread(one_ms)} | {spread(all_ms)} | {same} |",
             flush=True,
         )
     assert differ == 0
