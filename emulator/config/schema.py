@@ -213,8 +213,8 @@ class ModelConfig:
     what a large step leaves fires in later ticks (saturation) | many: as many as the step is worth,
     at most 64"""
     device: str = "cpu"
-    """cpu | cuda: an NVIDIA GPU (evsnet: runtime native; needs evs[cuda]) | auto: cuda where it can;
-    the events are the same"""
+    """cpu | cuda: an NVIDIA GPU (evsnet: runtime native; needs evs[cuda]) | auto: cuda where it
+    can; the events are the same"""
     labels: bool = False
     """label every event with its cause (signal, leak, shot noise, hot pixel), and with geom, class,
     depth and flow of what the pixel sees, in packet.labels and in .npz recordings"""
