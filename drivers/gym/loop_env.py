@@ -12,11 +12,12 @@ import numpy.typing as npt
 
 from evs.drivers.gym.event_observations import StepEvents, make_event_observation
 from evs.drivers.gym.library import gymnasium
-from evs.drivers.gym.task import Reward, Task, sized
+from evs.drivers.gym.task import Reward, Task, random_unchanged_on_error, sized
 from evs.drivers.pictures import upscale
 from evs.drivers.run.paths import in_package
 from evs.drivers.run.sensor_ranges import read_ranges, split_ranges
 from evs.emulator import Loop, Observation, View
+from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.config.schema import DelayConfig
 from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
@@ -215,32 +216,34 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             also sensor and scene: key -> value of this episode.
 
         Raises:
-            EvsError: An option is unknown, or a limit is left at the start.
+            EvsError: An option is unknown, values of the scene make no model, or a limit is left at
+                the start; nothing has changed.
         """
-        super().reset(seed=seed)
         wanted = dict(options or {})
         keyframe = str(wanted.pop("keyframe", self._keyframe))
         if wanted:
             raise EvsError(f"reset has no option '{next(iter(wanted))}'; there is: keyframe")
-        noise = int(self.np_random.integers(2**31))
-        # the same seed as the noise: the start and all later episodes do not depend on the ranges
-        self.drawn = self.ranges.draw(noise) if self.ranges else None
-        self.drawn_scene = self.scene_ranges.draw(noise) if self.scene_ranges else None
+        with unchanged_on_error(self), random_unchanged_on_error(self._np_random):
+            super().reset(seed=seed)
+            noise = int(self.np_random.integers(2**31))
+            # the same seed as the noise: the start and later episodes do not depend on the ranges
+            self.drawn = self.ranges.draw(noise) if self.ranges else None
+            self.drawn_scene = self.scene_ranges.draw(noise) if self.scene_ranges else None
+            with self.loop.resetting(
+                noise,
+                keyframe,
+                start=lambda data: begin(self._task.start, self.np_random, data),
+                sensor=self.drawn.config if self.drawn else None,
+                scene=self.drawn_scene.values if self.drawn_scene else None,
+            ) as self.seen:
+                if self.seen.done:
+                    raise EvsError(
+                        f"the episode is over where it begins ({self.seen.done}): narrow start, or "
+                        "widen limits"
+                    )
         self._began_us = 0
         for view in self._views.values():
             view.reset()
-        self.seen = self.loop.reset(
-            noise,
-            keyframe,
-            start=lambda data: begin(self._task.start, self.np_random, data),
-            sensor=self.drawn.config if self.drawn else None,
-            scene=self.drawn_scene.values if self.drawn_scene else None,
-        )
-        if self.seen.done:
-            raise EvsError(
-                f"the episode is over where it begins ({self.seen.done}): narrow start, or widen "
-                "limits"
-            )
         self._show(self.seen, begins=True)
         return self._observed(self.seen)
 

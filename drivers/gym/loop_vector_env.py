@@ -13,10 +13,11 @@ import numpy.typing as npt
 from evs.drivers.gym.event_observations import make_event_observation
 from evs.drivers.gym.library import seeding, vector
 from evs.drivers.gym.loop_env import METADATA
-from evs.drivers.gym.task import Reward, Task, sized
+from evs.drivers.gym.task import Reward, Task, random_unchanged_on_error, sized
 from evs.drivers.run.paths import in_package
 from evs.drivers.run.sensor_ranges import read_ranges, split_ranges
 from evs.emulator import Worlds
+from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.config.plain_values import plain_integer
 from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
@@ -207,7 +208,7 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
             The observations, and info as of LoopEnv, an array of each.
 
         Raises:
-            EvsError: As of LoopEnv, or another number of seeds.
+            EvsError: As of LoopEnv, or another number of seeds; no environment has changed.
         """
         wanted = dict(options or {})
         mask = wanted.pop("reset_mask", None)
@@ -231,6 +232,17 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
         return self._observation(), self._info(chosen, none, self.worlds.t_us)
 
     def _reset(self, chosen: list[int], seeds: list[int | None], keyframe: str) -> None:
+        with (
+            unchanged_on_error(self),
+            random_unchanged_on_error(*(self._random[number] for number in chosen)),
+        ):
+            self._reset_worlds(chosen, seeds, keyframe)
+        self._began_us[chosen] = 0
+        self._over[chosen] = False
+        for arrays in self._arrays:
+            arrays.reset(chosen)
+
+    def _reset_worlds(self, chosen: list[int], seeds: list[int | None], keyframe: str) -> None:
         noises = []
         for number in chosen:
             random = self._random[number]
@@ -249,24 +261,20 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
 
         sensors = [one.config for number in chosen if (one := self.drawn[number])]
         scenes = [drawn.values for number in chosen if (drawn := self.drawn_scenes[number])]
-        self.worlds.reset(
+        with self.worlds.resetting(
             noises,
             chosen,
             keyframe=keyframe,
             sensor=sensors or None,
             scene=scenes or None,
             start=put,
-        )
-        for number in chosen:
-            if number in self.worlds.ended:
-                raise EvsError(
-                    f"the episode is over where it begins ({self.worlds.ended[number]}): narrow "
-                    "start, or widen limits"
-                )
-        self._began_us[chosen] = 0
-        self._over[chosen] = False
-        for arrays in self._arrays:
-            arrays.reset(chosen)
+        ):
+            for number in chosen:
+                if number in self.worlds.ended:
+                    raise EvsError(
+                        f"the episode is over where it begins ({self.worlds.ended[number]}): "
+                        "narrow start, or widen limits"
+                    )
 
     def step(
         self, actions: Any

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -27,6 +28,18 @@ named sensors and the control."""
 
 NO_BOUND = float(np.finfo(np.float32).max)
 """encoders have no bound"""
+
+
+@contextmanager
+def random_unchanged_on_error(*generators: np.random.Generator | None) -> Iterator[None]:
+    """Let generators draw the same numbers again if the block raises."""
+    states = [(one, one.bit_generator.state) for one in generators if one is not None]
+    try:
+        yield
+    except BaseException:
+        for one, state in states:
+            one.bit_generator.state = state
+        raise
 
 
 class Task:

@@ -69,9 +69,15 @@ class HybridRenderer(PathRenderer):
         if self._rgb is not None:
             pictures.append((self._rgb, _array(saved, "rgb", np.float32, self._rgb.shape)))
 
+        # only the core can check all of it, and puts it in place if it is sound
+        own = self.save()
+        if not self._caster.restore_irradiance(tick, coarser, keys, light):
+            raise EvsError(DAMAGED)
+        own_numbers = int(own["tick"]), int(own["coarser"])
+        self._caster.restore_irradiance(*own_numbers, own["keys"], own["light"])
+
         def put() -> None:
-            if not self._caster.restore_irradiance(tick, coarser, keys, light):
-                raise EvsError(DAMAGED)
+            self._caster.restore_irradiance(tick, coarser, keys, light)
             for now, before in pictures:
                 now[:] = before
 

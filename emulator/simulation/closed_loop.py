@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any
 
@@ -11,12 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.protocols import Meter
+from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.base.scene import F64
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.config.plain_values import plain_integer, plain_number
 from evs.emulator.config.schema import DelayConfig
 from evs.emulator.simulation.channels import Channels, check_delays
-from evs.emulator.simulation.world import World
+from evs.emulator.simulation.world import World, put_saved, reset_worlds
 from evs.emulator.state import (
     Saved,
     joined,
@@ -136,7 +138,7 @@ class ClosedLoop:
         self._max_s = max_s
         self._end_us = math.inf if max_s is None else max(1, round(max_s * 1e6))
         self._delays = check_delays(delays or DelayConfig())
-        self._channels = self._new_channels()
+        self._channels = self._new_channels(world.seed)
         self._wants_state = False
         self._done: str | None = None
         self.on_tick: Callable[[tuple[EventPacket, ...]], None] | None = None
@@ -145,7 +147,7 @@ class ClosedLoop:
     def __repr__(self) -> str:
         return f"<evs.ClosedLoop around {self.world!r}{f'; {self._done}' if self._done else ''}>"
 
-    def _new_channels(self) -> Channels:
+    def _new_channels(self, seed: int) -> Channels:
         for camera in self.world.cameras:
             if camera.chunk > 1:
                 raise EvsError(
@@ -153,7 +155,7 @@ class ClosedLoop:
                     "before it: leave it 1"
                 )
         names = [camera.name for camera in self.world.cameras]
-        return Channels(self._delays, names, self.nu, self.world.seed)
+        return Channels(self._delays, names, self.nu, seed)
 
     def reset(
         self,
@@ -178,17 +180,46 @@ class ClosedLoop:
             What is known before the first tick: the encoders, and no event.
 
         Raises:
-            EvsError: No such keyframe or key, or a sensor that no camera can have.
+            EvsError: No such keyframe or key, values that make no model, or a sensor that no
+                camera can have; nothing has changed, nor where `start` raises.
         """
-        self.world.reset(seed, keyframe, sensor, scene)
-        # not begun, should `start` raise
-        self._done = None
-        if start is not None:
-            start(self.world.data)
-        self._channels = self._new_channels()
-        self._wants_state = bool(state)
-        self._read_encoders()
-        return self._seen()
+        with self.resetting(seed, keyframe, state, start, sensor, scene) as seen:
+            return seen
+
+    @contextmanager
+    def resetting(
+        self,
+        seed: int | None = None,
+        keyframe: str = "",
+        state: bool = False,
+        start: Callable[[MjData], None] | None = None,
+        sensor: str | SensorConfig | None = None,
+        scene: Mapping[str, float] | None = None,
+    ) -> Iterator[Observation]:
+        """As `reset`, which the block may still refuse: if it raises, nothing has changed.
+
+        Args:
+            seed: As of `reset`.
+            keyframe: As of `reset`.
+            state: As of `reset`.
+            start: As of `reset`.
+            sensor: As of `reset`.
+            scene: As of `reset`.
+
+        Yields:
+            What `reset` returns.
+
+        Raises:
+            EvsError: As of `reset`.
+        """
+        world = self.world
+        reset = world.check_reset(seed, keyframe, sensor, scene)
+        channels = self._new_channels(world.seed if seed is None else plain_integer(seed, "seed"))
+        with unchanged_on_error(self), reset_worlds([world], [reset], [start]):
+            self._channels = channels
+            self._wants_state = bool(state)
+            self._read_encoders()
+            yield self._seen()
 
     def step(self, ctrl: npt.ArrayLike | None = None, ticks: int = 1) -> Observation:
         """Decide, then go on for so many ticks, fewer where the episode ends.
@@ -267,14 +298,13 @@ class ClosedLoop:
             EvsError: It is damaged, or of another model or configuration; nothing has changed.
         """
         # the world may have got another camera since
-        like = self._channels if self._knows_cameras else self._new_channels()
+        like = self._channels if self._knows_cameras else self._new_channels(self.world.seed)
         with self.world.values_of(blob):
             saved = unpack_here(blob, self._identity(), self._arrays(like))
             done, wants_state = word(saved, "done"), bool(number(saved, "wants_state", 0, 1))
             inner = part(saved, "world")
-            put = self.world.restoring(inner)
             channels = like.read(part(saved, "channels"), whole(inner, "seed"))
-            put()
+            put_saved([self.world], [inner])
         self._channels, self._done, self._wants_state = channels, done, wants_state
         self._encoders.read(self.world.data)
         return self._seen()

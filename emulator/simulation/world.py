@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import ref
 
 import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.protocols import Meter, NoMeter
+from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.base.scene import F64, SceneModel, SceneSnapshot
 from evs.emulator.base.stamps import check_start
 from evs.emulator.camera.camera import Camera
@@ -59,6 +60,17 @@ from evs.emulator.world import (
 )
 from evs.emulator.world.controls import ControlSource
 from evs.msgs import EventPacket, EvsError
+
+
+class CheckedReset(NamedTuple):
+    """A reset of a world that can be done."""
+
+    keyframe: int
+    """id of the keyframe to start from; -1: qpos0"""
+    values: dict[str, float] | None
+    """of the scene; None: those that hold"""
+    put: Callable[[], None]
+    """forgets all that the world has seen, with another seed and sensor if so wanted"""
 
 
 class World:
@@ -291,9 +303,13 @@ class World:
         self._see_edits()
         return self._history.snapshot(self.data, self._physics.t_us, self.substeps.tick_us)
 
-    def _see_edits(self) -> None:
-        """Show the model as it is now, where somebody has edited it. Raises EvsError."""
-        if not self._scene.outdated():
+    def _see_edits(self, close: bool = True) -> None:
+        """Show the model as it is now, where somebody has edited it. Raises EvsError.
+
+        Args:
+            close: As of LiveScene.outdated.
+        """
+        if not self._scene.outdated(close):
             return
         scene = self._scene.extract()
         twins = [world for one in self._twins if (world := one()) is not None]
@@ -315,6 +331,12 @@ class World:
             self._taker.fit(self._bounds)
 
         return put
+
+    def see_closely(self) -> bool:
+        """Show edits of large arrays too; whether anything had been edited. Raises EvsError."""
+        before = self._scene.revision
+        self._scene.compare_large_arrays()
+        return self.revision != before
 
     @property
     def revision(self) -> int:
@@ -347,15 +369,13 @@ class World:
         Raises:
             EvsError: It is damaged, or of another model or configuration; nothing has changed.
         """
-        with self.values_of(blob):
-            identity = {"kind": "world", **self.identity}
-            self.restoring(unpack_here(blob, identity, self.arrays()))()
+        restore_worlds([self], [blob])
 
     @contextmanager
     def values_of(self, blob: bytes) -> Iterator[None]:
-        """Put the values of the scene into the model that a saved state was saved with.
+        """Show the values of the scene that a saved state was saved with.
 
-        What is done within is undone if it raises.
+        If the block raises, those of before hold again: see `with_values`.
 
         Args:
             blob: What `save` gave.
@@ -369,14 +389,32 @@ class World:
         except EvsError:
             # of another model, which is said where it is compared
             values = before
-        if values != before:
-            self._part()
-            self._values.put(values)
-        try:
+        with self.with_values(values):
             yield
-        except BaseException:
-            self._values.put(before)
-            raise
+
+    @contextmanager
+    def with_values(self, values: Mapping[str, float] | None) -> Iterator[None]:
+        """Show these values of the scene.
+
+        If the block raises, model, cameras and views are what they were before, to the byte. In the
+        block nothing else may change them.
+
+        Args:
+            values: As SceneValues.check gave them; None: those that hold.
+
+        Raises:
+            EvsError: They make no model; nothing has changed.
+        """
+        if values is None or values == self._values.values:
+            yield
+            return
+        self._see_edits(close=False)
+        seers: list[Camera | View] = [*self._cameras, *self._views]
+        with unchanged_on_error(self, self._physics, self._history, self._taker, *seers):
+            self._part()
+            with self._scene.unchanged_on_error(), self._values.putting(values):
+                self._see_edits()
+                yield
 
     def arrays(self) -> Saved:
         """What `save` packs, by name."""
@@ -397,8 +435,6 @@ class World:
         Raises:
             EvsError: It is damaged.
         """
-        self._scene.compare_large_arrays()
-        self._see_edits()
         physics = self._physics.restoring(part(saved, "physics"))
         seed, control_seed = whole(saved, "seed"), whole(saved, "control_seed")
         given = saved["given"]
@@ -526,19 +562,20 @@ class World:
                 masses, where it starts. {} is the model's own; None keeps the last.
 
         Raises:
-            EvsError: No such keyframe or key, a value that makes no model, or a sensor that no
-                camera can have; nothing has changed, unless the values make no model.
+            EvsError: No such keyframe or key, values that make no model, or a sensor that no
+                camera can have; nothing has changed.
         """
-        self.resetting(seed, keyframe, sensor, scene)()
+        with reset_worlds([self], [self.check_reset(seed, keyframe, sensor, scene)]):
+            pass
 
-    def resetting(
+    def check_reset(
         self,
         seed: int | None = None,
         keyframe: str = "",
         sensor: str | SensorConfig | None = None,
         scene: Mapping[str, float] | None = None,
-    ) -> Callable[[], None]:
-        """Check a reset; the function that is returned does it.
+    ) -> CheckedReset:
+        """Check a reset, for `reset_worlds`.
 
         Args:
             seed: As of `reset`.
@@ -547,7 +584,7 @@ class World:
             scene: As of `reset`.
 
         Raises:
-            EvsError: As of `reset`.
+            EvsError: As of `reset`, but that values may still make no model.
         """
         start = self._control.keyframe
         if keyframe != "":
@@ -561,10 +598,6 @@ class World:
         values = None if scene is None else self._values.check(scene)
 
         def put() -> None:
-            if values is not None and values != self._values.values:
-                self._part()
-                self._values.put(values)
-                self._see_edits()
             if seed is not None:
                 # a control seed of its own keeps its distance
                 self._control.reseed(self._control.seed + seed - self._seed)
@@ -572,13 +605,20 @@ class World:
             self._given = None
             self._scene.compare_large_arrays()
             self._history.reset()
-            self._physics.reset(start, self._values.start)
             for reset in cameras:
                 reset()
             for view in self._views:
                 view.reset(seed)
 
-        return put
+        return CheckedReset(start, values, put)
+
+    def start_physics(self, keyframe: int) -> None:
+        """Put the physics, and nothing else, where an episode begins.
+
+        Args:
+            keyframe: Id of the keyframe to start from; -1: qpos0.
+        """
+        self._physics.reset(keyframe, self._values.start)
 
     def finish(self) -> tuple[EventPacket, ...]:
         """The packets of ticks that wait for the rest of their chunk (model.chunk), without it."""
@@ -702,3 +742,78 @@ class World:
     def cameras(self) -> tuple[Camera, ...]:
         """All cameras, in the order of the packets."""
         return tuple(self._cameras)
+
+
+@contextmanager
+def reset_worlds(
+    worlds: Sequence[World],
+    resets: Sequence[CheckedReset],
+    starts: Sequence[Callable[[MjData], None] | None] | None = None,
+) -> Iterator[None]:
+    """Reset worlds, all or none of them: if the block raises, nothing has changed.
+
+    In the block, each has its values, and its physics is where the episode begins. Cameras are
+    reset at the end.
+
+    Args:
+        worlds: The worlds.
+        resets: What World.check_reset gave for each.
+        starts: For each, what puts its data into another state; None: nothing.
+
+    Raises:
+        EvsError: Values make no model, or a start raises it.
+    """
+    starts = [None] * len(worlds) if starts is None else starts
+    with ExitStack() as undo:
+        for world in worlds:
+            undo.enter_context(world.physics.unchanged_on_error())
+        for world, reset in zip(worlds, resets, strict=True):
+            undo.enter_context(world.with_values(reset.values))
+        for world, reset, start in zip(worlds, resets, starts, strict=True):
+            world.start_physics(reset.keyframe)
+            if start is not None:
+                start(world.data)
+        yield
+    for reset in resets:
+        reset.put()
+
+
+def restore_worlds(worlds: Sequence[World], blobs: Sequence[bytes]) -> None:
+    """Restore worlds, all or none of them.
+
+    Args:
+        worlds: The worlds.
+        blobs: What World.save gave, for each.
+
+    Raises:
+        EvsError: As of World.restore; nothing has changed.
+    """
+    with ExitStack() as undo:
+        for world, blob in zip(worlds, blobs, strict=True):
+            undo.enter_context(world.values_of(blob))
+        put_saved(
+            worlds,
+            [
+                unpack_here(blob, {"kind": "world", **world.identity}, world.arrays())
+                for world, blob in zip(worlds, blobs, strict=True)
+            ],
+        )
+
+
+def put_saved(worlds: Sequence[World], saved: Sequence[Saved]) -> None:
+    """Put saved states in place, which are checked all before the first is.
+
+    Args:
+        worlds: The worlds, within `values_of` of their states.
+        saved: As of World.restoring, for each.
+
+    Raises:
+        EvsError: One is damaged; nothing has changed.
+    """
+    puts = [world.restoring(one) for world, one in zip(worlds, saved, strict=True)]
+    seen = [world.see_closely() for world in worlds]
+    if any(seen):
+        # the cameras have other renderers
+        puts = [world.restoring(one) for world, one in zip(worlds, saved, strict=True)]
+    for put in puts:
+        put()

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from threading import Lock
 from typing import Any
 
@@ -12,11 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.cores import cores
+from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.base.scene import F64
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.config.plain_values import plain_integer
 from evs.emulator.render.registry import RENDERERS
-from evs.emulator.simulation.world import World
+from evs.emulator.simulation.world import World, reset_worlds, restore_worlds
 from evs.emulator.simulation.world_batch import WorldBatch, stacked, why_one_by_one
 from evs.emulator.world import (
     ControlFunction,
@@ -364,7 +367,38 @@ class Worlds:
 
         Raises:
             EvsError: As of World.reset, a number that no world has, or another number of seeds,
-                sensors or scenes; nothing has changed, unless values of a scene make no model.
+                sensors or scenes; nothing has changed in any world.
+        """
+        with self.resetting(
+            seed, worlds, keyframe=keyframe, sensor=sensor, scene=scene, start=start
+        ):
+            pass
+
+    @contextmanager
+    def resetting(
+        self,
+        seed: int | Sequence[int] | None = None,
+        worlds: Iterable[int] | None = None,
+        *,
+        keyframe: str = "",
+        sensor: str | SensorConfig | Sequence[str | SensorConfig] | None = None,
+        scene: Mapping[str, float] | Sequence[Mapping[str, float]] | None = None,
+        start: Start | None = None,
+    ) -> Iterator[None]:
+        """As `reset`, which the block may still refuse: if it raises, nothing has changed.
+
+        In the block, the physics is where the episodes begin, and `ended` is known.
+
+        Args:
+            seed: As of `reset`.
+            worlds: As of `reset`.
+            keyframe: As of `reset`.
+            sensor: As of `reset`.
+            scene: As of `reset`.
+            start: As of `reset`.
+
+        Raises:
+            EvsError: As of `reset`.
         """
         chosen = self._chosen(worlds)
         seeds: list[int | None]
@@ -381,18 +415,35 @@ class Worlds:
         self._see_edits()
         self._settle(chosen)
         resets = [
-            self._worlds[number].resetting(one, keyframe, *others)
+            self._worlds[number].check_reset(one, keyframe, *others)
             for number, one, *others in zip(chosen, seeds, sensors, scenes, strict=True)
         ]
-        for number, reset in zip(chosen, resets, strict=True):
-            reset()
-            self.ended.pop(number, None)
-            if start is not None:
-                start(number, self._worlds[number].data)
-        self._see_rest(chosen)
-        self._begin(chosen)
+        starts = [None if start is None else partial(start, number) for number in chosen]
+        with (
+            self._measured_as_before(chosen),
+            reset_worlds([self._worlds[number] for number in chosen], resets, starts),
+        ):
+            self._begin(chosen)
+            yield
+        # an edit that cannot be shown is reported by the next step, as of World
+        with suppress(EvsError):
+            self._see_rest(chosen)
+
+    @contextmanager
+    def _measured_as_before(self, worlds: list[int]) -> Iterator[None]:
+        """What is known of these worlds' ends and measurements is so again if the block raises."""
+        measured = self._measured.rows(worlds) if self._measured is not None else None
+        with unchanged_on_error(self):
+            try:
+                yield
+            except BaseException:
+                if self._measured is not None and measured is not None:
+                    self._measured.put_rows(worlds, measured)
+                raise
 
     def _begin(self, worlds: list[int]) -> None:
+        for number in worlds:
+            self.ended.pop(number, None)
         self._measure(worlds)
         if self._measured is not None:
             self.ended.update(self._measured.left(worlds))
@@ -417,17 +468,14 @@ class Worlds:
             worlds: Their numbers; None: all.
 
         Raises:
-            EvsError: As of World.restore; worlds before the first that is damaged are restored.
+            EvsError: As of World.restore; nothing has changed in any world.
         """
         chosen, blobs = self._chosen(worlds), [*blobs]
         if len(blobs) != len(chosen):
             raise EvsError(f"{len(blobs)} states for {len(chosen)} worlds: give one for each")
         self._see_edits()
         self._settle(chosen)
-        for number, blob in zip(chosen, blobs, strict=True):
-            self._worlds[number].restore(blob)
-            self._keep_revisions([number])
-            self.ended.pop(number, None)
+        restore_worlds([self._worlds[number] for number in chosen], blobs)
         self._see_rest(chosen)
         self._begin(chosen)
 

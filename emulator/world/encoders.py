@@ -232,6 +232,15 @@ class Measurements:
         self.position[world], self.velocity[world] = self._one.position, self._one.velocity
         self.sensordata[world] = self._one.sensordata
 
+    def rows(self, worlds: list[int]) -> list[F64]:
+        """What some worlds have measured, for `put_rows`."""
+        return [rows[worlds] for rows in (self.position, self.velocity, self.sensordata)]
+
+    def put_rows(self, worlds: list[int], before: list[F64]) -> None:
+        """These worlds have measured what they had when `rows` gave it."""
+        for rows, own in zip((self.position, self.velocity, self.sensordata), before, strict=True):
+            rows[worlds] = own
+
     def left(self, which: Iterable[int]) -> dict[int, str]:
         """The first limit that each of these worlds has left, where one has, as a reason."""
         found: dict[int, str] = {}

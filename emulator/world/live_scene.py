@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import mujoco
 
 from evs.emulator import _core
+from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.base.scene import SceneModel
 from evs.emulator.world.extraction import extract_scene
 from evs.emulator.world.model_edits import (
@@ -71,9 +75,26 @@ class LiveScene:
         """Let the next comparison cover meshes, height fields, textures, skins and flexes too."""
         self._compare_large = True
 
-    def outdated(self) -> bool:
-        """Whether the model was edited since its scene was last taken."""
-        if self._compare_large:
+    @contextmanager
+    def unchanged_on_error(self) -> Iterator[None]:
+        """Forget what was taken within the block if it raises; the model must be as it was then.
+
+        The scene must not be outdated, but for large arrays.
+        """
+        with unchanged_on_error(self, self._parts):
+            try:
+                yield
+            except BaseException:
+                self._watch.keep()
+                raise
+
+    def outdated(self, close: bool = True) -> bool:
+        """Whether the model was edited since its scene was last taken.
+
+        Args:
+            close: Whether `compare_large_arrays` is followed now.
+        """
+        if close and self._compare_large:
             self._compare_large = False
             if self._parts.forget_changed():
                 self._pending = self._whole = True

@@ -9,8 +9,8 @@ from __future__ import annotations
 import copy
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -269,6 +269,18 @@ class Physics:
         mujoco.mj_comPos(model, self.data)
         mujoco.mj_camlight(model, self.data)
         self.tick = 0
+
+    @contextmanager
+    def unchanged_on_error(self) -> Iterator[None]:
+        """Go back to the state of now if the block raises. The model must then be as it is now."""
+        before = self.save()
+        try:
+            yield
+        except BaseException:
+            now = self.save()
+            if any(now[name].tobytes() != array.tobytes() for name, array in before.items()):
+                self.restoring(before)()
+            raise
 
     @property
     def t_us(self) -> int:

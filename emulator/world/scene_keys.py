@@ -35,6 +35,9 @@ Array = npt.NDArray[Any]
 Parts = dict[int, float]
 """which of several numbers -> number"""
 
+Rows = dict[tuple[str, int, int], Array]
+"""(field of the model, first row, end) -> values"""
+
 Objects = mujoco.mjtObj
 Joints = mujoco.mjtJoint
 
@@ -81,7 +84,7 @@ class Edits:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model = model
-        self._kept: dict[tuple[str, int, int], Array] = {}
+        self._kept: Rows = {}
 
     def rows(self, field: str, begin: int = 0, end: int | None = None) -> Array:
         """The model's own memory: rows of an array, about to be changed."""
@@ -100,6 +103,22 @@ class Edits:
         for (field, begin, end), values in self._kept.items():
             attrgetter(field)(self.model)[begin:end] = values
         self._kept.clear()
+
+    def now(self) -> tuple[Rows, Rows]:
+        """What `go_back` takes: the rows that were changed as they were, and as they are now."""
+        changed = {
+            (field, begin, end): attrgetter(field)(self.model)[begin:end].copy()
+            for field, begin, end in self._kept
+        }
+        return dict(self._kept), changed
+
+    def go_back(self, to: tuple[Rows, Rows]) -> None:
+        """Make all rows what they were when `now` was called."""
+        self.undo()
+        kept, changed = to
+        for (field, begin, end), values in changed.items():
+            attrgetter(field)(self.model)[begin:end] = values
+        self._kept.update(kept)
 
     def copy_for(self, model: mujoco.MjModel) -> Edits:
         """The same, of a copy of the model."""

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
+from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.config.plain_values import plain_number
 from evs.emulator.world.model import one_line
 from evs.emulator.world.scene_keys import (
@@ -24,6 +28,9 @@ from evs.msgs import EvsError
 
 STATISTICS = ("extent", "meansize", "meanmass", "center")
 """Statistics of a model that stay: the view of a free camera and the fog follow from them."""
+
+CONSTANT = ("bvh_", "hfield_", "mesh_", "name", "oct_", "path", "skin_", "tex_", "text_")
+"""How the names of arrays begin that mj_setConst leaves alone; these may be large."""
 
 
 class SceneValues:
@@ -48,6 +55,8 @@ class SceneValues:
         self._edits = Edits(model)
         self._inertia_is_given: bool | None = None
         self._scratch: mujoco.MjData | None = None
+        self._derived: list[npt.NDArray[Any]] = []
+        """memory of the model that mj_setConst may write; found when it is first needed"""
         self.values: dict[str, float] = {}
         """key -> the value that was put in last, in the order of the keys"""
 
@@ -70,14 +79,40 @@ class SceneValues:
         Raises:
             EvsError: No such key, or a value that makes no model; nothing has changed.
         """
-        checked, before = self.check(values), self.values
-        if checked == before:
+        with self.putting(values):
+            pass
+
+    @contextmanager
+    def putting(self, values: Mapping[str, float]) -> Iterator[None]:
+        """As `put`; if the block raises, the model has the bytes again that it had before.
+
+        Args:
+            values: As of `put`.
+
+        Raises:
+            EvsError: As of `put`.
+        """
+        checked = self.check(values)
+        if checked == self.values:
+            yield
             return
-        try:
-            self._put(checked)
-        except mujoco.FatalError as reason:
-            self._put(before)
-            raise EvsError(f"these values make no model: {one_line(reason)}") from None
+        derives = self._derives(checked)
+        rows = self._edits.now()
+        derived = [(array, array.copy()) for array in self._derivable()] if derives else []
+        statistics = self._statistics(*STATISTICS, "meaninertia")
+        with unchanged_on_error(self):
+            try:
+                try:
+                    self._put(checked)
+                except mujoco.FatalError as reason:
+                    raise EvsError(f"these values make no model: {one_line(reason)}") from None
+                yield
+            except BaseException:
+                for array, before in derived:
+                    array[...] = before
+                self._put_statistics(statistics)
+                self._edits.go_back(rows)
+                raise
 
     def check(self, values: Mapping[str, float]) -> dict[str, float]:
         """The values as plain numbers, in the order of the keys.
@@ -133,7 +168,7 @@ class SceneValues:
         ]
 
     def _put(self, values: Mapping[str, float]) -> None:
-        derives = any(self._key(name).attribute.derives for name in (*self.values, *values))
+        derives = self._derives(values)
         if derives and self._inertia_is_given is None:
             self._inertia_is_given = self._is_inertia_given()
         self._edits.undo()
@@ -147,20 +182,37 @@ class SceneValues:
             self._derive()
         self.values = dict(values)
 
+    def _derives(self, values: Mapping[str, float]) -> bool:
+        """Whether constants are others with these values than with those of now."""
+        return any(self._key(name).attribute.derives for name in (*self.values, *values))
+
+    def _derivable(self) -> list[npt.NDArray[Any]]:
+        """The model's memory that mj_setConst may write."""
+        if not self._derived:
+            names = [name for name in dir(self._model) if not name.startswith(("_", *CONSTANT))]
+            found = (getattr(self._model, name) for name in names)
+            self._derived = [one for one in found if isinstance(one, np.ndarray) and one.size]
+        return self._derived
+
     def _derive(self) -> None:
         """Compute the constants again that follow from masses and places."""
         if self._scratch is None:
             self._scratch = mujoco.MjData(self._model)
-        stat = self._model.stat
-        kept = {name: np.array(getattr(stat, name)) for name in STATISTICS}
-        if self._inertia_is_given:
-            kept["meaninertia"] = np.array(stat.meaninertia)
+        given = ("meaninertia",) if self._inertia_is_given else ()
+        kept = self._statistics(*STATISTICS, *given)
         mujoco.mj_setConst(self._model, self._scratch)
-        for name, value in kept.items():
+        self._put_statistics(kept)
+
+    def _statistics(self, *names: str) -> dict[str, npt.NDArray[Any]]:
+        """Statistics of the model by name, copies."""
+        return {name: np.array(getattr(self._model.stat, name)) for name in names}
+
+    def _put_statistics(self, values: Mapping[str, npt.NDArray[Any]]) -> None:
+        for name, value in values.items():
             if value.ndim:
-                getattr(stat, name)[:] = value
+                getattr(self._model.stat, name)[:] = value
             else:
-                setattr(stat, name, float(value))
+                setattr(self._model.stat, name, float(value))
 
     def _is_inertia_given(self) -> bool:
         """Whether the model's author gave its mean inertia, which then does not follow."""

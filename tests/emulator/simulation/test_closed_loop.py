@@ -261,16 +261,27 @@ def test_a_camera_that_came_later_is_there_after_a_reset(cart):
     assert [packet.camera for packet in loop.step().packets] == ["left", "right", "third"]
 
 
-def test_a_start_that_fails_leaves_a_loop_that_has_not_begun(cart):
-    def start(_):
+def test_a_start_that_fails_leaves_the_episode_as_it_was(cart):
+    def start(data):
+        data.qpos[:] = 0.3
         raise EvsError("no")
 
-    loop = make(cart)
-    loop.reset()
+    loop, other = make(cart), make(cart)
     with pytest.raises(EvsError, match=r"^no$"):
         loop.reset(start=start)
     with pytest.raises(EvsError, match="call reset first"):
         loop.step()
+    for one in (loop, other):
+        one.reset(seed=1)
+        one.step([0.5, 0.0], 3)
+    with pytest.raises(EvsError, match=r"^no$"):
+        loop.reset(seed=2, state=True, start=start)
+    assert loop.save() == other.save()
+    seen = loop.step([0.5, 0.0], 5)
+    assert seen.state is None
+    assert [one.events.tobytes() for one in seen.packets] == [
+        one.events.tobytes() for one in other.step([0.5, 0.0], 5).packets
+    ]
 
 
 def test_a_camera_that_came_later_cannot_keep_events_back(cart):
