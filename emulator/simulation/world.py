@@ -159,8 +159,9 @@ class World:
     def twin(self) -> World:
         """Another world of the same model object, in its start state, without cameras.
 
-        What is the same is shared: the model, which neither may edit alone, and its scene. A twin
-        that is reset with `scene` goes on with a copy of the model.
+        It has the same values of the scene, and starts where they put it. What is the same is
+        shared: the model, which neither may edit alone, and its scene. A twin that is reset with
+        `scene` goes on with a copy of the model.
         """
         other = World.__new__(World)
         other._scene_config, other._start_us = self._scene_config, self._start_us
@@ -171,6 +172,7 @@ class World:
         other._physics.substeps = self.substeps
         other._scene, other._digest = self._scene, self._digest
         other._values = self._values
+        other.start_physics(self._control.keyframe)
         other._taker = SnapshotTaker(self.model)
         other._history = SnapshotHistory(other._taker)
         other._cameras, other._view_refs, other._bounds = [], [], []

@@ -556,3 +556,26 @@ def test_worlds_with_values_are_dropped_at_once_and_grow_by_no_reset() -> None:
         assert gc.collect() == 0
     finally:
         gc.enable()
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_twin_starts_with_the_values_of_its_world(seed: int) -> None:
+    world, expected = (world_of(swing(), sensor=NOISY) for _ in range(2))
+    (values,) = drawn(1)
+    for one in (world, expected):
+        one.reset(seed, scene=values)
+        events_of(one, 4)
+    twin = world.twin()
+    twin.add_like(world.cameras[0])
+    assert twin.scene_values == values
+    expected.reset(seed)
+    assert twin.data.qpos.tobytes() == expected.data.qpos.tobytes()
+    assert twin.data.geom_xpos.tobytes() == expected.data.geom_xpos.tobytes()
+    assert twin.save() == expected.save()
+    assert events_of(twin) == events_of(expected)
+    # and goes on alone with others
+    twin.reset(seed, scene={})
+    assert world.scene_values == values
+    plain = world_of(swing(), sensor=NOISY)
+    plain.reset(seed)
+    assert events_of(twin) == events_of(plain)
