@@ -196,6 +196,12 @@ class SimulatedDataset:
         """How many samples an epoch has."""
         return self._length
 
+    @property
+    def needs_gpu(self) -> bool:
+        """Whether a render.device is cuda, so that only a machine with a GPU makes samples."""
+        renders = (camera["render"] for camera in self._cameras)
+        return any(render is not None and render.device == "cuda" for render in renders)
+
     def __repr__(self) -> str:
         return f"<evs.SimulatedDataset: {len(self)} of {', '.join(self.cameras)}>"
 

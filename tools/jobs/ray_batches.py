@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import pickle
 import socket
 import warnings
@@ -14,13 +13,16 @@ from uuid import uuid4
 
 from evs.emulator.config.plain_values import plain_integer
 from evs.msgs import EvsError
-from evs.tools.jobs.ray_cluster import QUEUED_JOBS, connected
+from evs.tools.jobs.ray_cluster import cancel_all, check_address, connected, room
 from evs.tools.jobs.ray_node import differences, fingerprint
 from evs.tools.jobs.worker_pool import MAX_ATTEMPTS
 
 
 class Dataset(Protocol):
-    """A data set whose samples follow from their indices, as evs.SimulatedDataset."""
+    """A data set whose samples follow from their indices, as evs.SimulatedDataset.
+
+    If it has `needs_gpu` and that is true, a batch takes a GPU of its node.
+    """
 
     threads: int
     """of a process; set on the nodes"""
@@ -53,15 +55,33 @@ def cluster_batches(
         on_lost: called with a line when a batch is fetched again.
 
     Raises:
-        EvsError: Ray is not installed, there is no cluster at the address, a node differs from this
-            machine, or a batch cannot be made.
+        EvsError: an argument is not possible. With the first batch: Ray is not installed, there is
+            no cluster at the address, no node has the cores, or the GPU that render.device=cuda
+            needs, a node differs from this machine, or a batch cannot be made.
     """
-    if plain_integer(threads, "threads") < 1:
+    threads = plain_integer(threads, "threads")
+    if threads < 1:
         raise EvsError(f"threads is {threads}: give 1 or more")
+    check_address(address)
+    if not hasattr(dataset, "__getitems__"):
+        raise EvsError(f"dataset is {dataset!r}: give an evs.SimulatedDataset, or one with batches")
+    if not isinstance(batches, Iterable):
+        raise EvsError(f"batches is {batches!r}: give the indices of each batch")
+    return _fetch(dataset, iter(batches), address, threads, on_lost)
+
+
+def _fetch(
+    dataset: Dataset,
+    batches: Iterator[Sequence[Any]],
+    address: str,
+    threads: int,
+    on_lost: Callable[[str], None],
+) -> Iterator[list[Any]]:
+    gpus = 1 if getattr(dataset, "needs_gpu", False) else 0
     with connected(address) as ray:
-        runner = _Runner(ray, ray.put(dataset), threads, on_lost)
+        runner = _Runner(ray, ray.put(dataset), threads, gpus, on_lost)
         try:
-            yield from runner.run(iter(batches))
+            yield from runner.run(batches)
         finally:
             runner.cancel()
 
@@ -74,6 +94,7 @@ class _Runner:
     kept: Any
     """the data set in the cluster's store"""
     threads: int
+    gpus: int
     on_lost: Callable[[str], None]
     key: str = field(default_factory=lambda: uuid4().hex)
     """of the data set"""
@@ -101,26 +122,19 @@ class _Runner:
 
     def cancel(self) -> None:
         """Cancel what is at the cluster."""
-        for one in self.sent:
-            with contextlib.suppress(Exception):
-                self.ray.cancel(one, force=True)
+        cancel_all(self.ray, self.sent)
         self.sent.clear()
 
     def _room(self) -> int:
-        nodes = [node for node in self.ray.nodes() if node["Alive"]]
-        places = sum(int(node["Resources"].get("CPU", 0)) // self.threads for node in nodes)
-        if places == 0:
-            raise EvsError(
-                f"no node of the cluster has {self.threads} CPUs for a batch; give fewer threads, "
-                "or join nodes"
-            )
-        return places + QUEUED_JOBS
+        remedy = "take render.device=cpu or auto" if self.gpus else "give fewer threads"
+        return room(self.ray, "a batch", remedy, self.threads, self.gpus)
 
     def _send(self, indices: list[Any]) -> Any:
         # we repeat lost batches, not Ray, so that each loss is reported
         task = self.ray.remote(_on_node).options(
             name="evs-batch",
             num_cpus=self.threads,
+            num_gpus=self.gpus,
             max_retries=0,
             scheduling_strategy="SPREAD",
         )

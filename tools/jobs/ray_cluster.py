@@ -10,7 +10,7 @@ import socket
 import threading
 import warnings
 from collections import Counter
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -97,20 +97,63 @@ def connected(address: str) -> Iterator[Any]:
         ray._private.worker._worker_logs_enabled = True  # pyright: ignore[reportPrivateImportUsage]
 
 
+def room(ray: Any, what: str, remedy: str, threads: int, gpus: int = 0) -> int:
+    """How many tasks the cluster may hold now; nodes come and go.
+
+    Args:
+        ray: the module, connected.
+        what: a task, for messages.
+        remedy: what else to do than join nodes, for messages.
+        threads: CPUs of a task.
+        gpus: GPUs of a task.
+
+    Raises:
+        EvsError: no node has as many.
+    """
+    nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
+    places = sum(
+        min(
+            int(node.get(kind, 0)) // each
+            for kind, each in (("CPU", threads), ("GPU", gpus))
+            if each
+        )
+        for node in nodes
+    )
+    if places == 0:
+        wants = f"{threads} CPUs" + (f" and {gpus} GPU" if gpus else "")
+        raise EvsError(f"no node of the cluster has {wants} for {what}; {remedy}, or join nodes")
+    return places + QUEUED_JOBS
+
+
+def cancel_all(ray: Any, references: Iterable[Any]) -> None:
+    """Cancel tasks, whatever state they are in."""
+    for one in references:
+        with contextlib.suppress(Exception):
+            ray.cancel(one, force=True)
+
+
 def _check_reachable(address: str) -> None:
     """Raise EvsError if nobody listens; Ray itself would try for a minute."""
+    check_address(address)
     if address == "auto":
         return
     host, _, port = address.rpartition(":")
-    if "/" in address or not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise EvsError(
-            f"ray address '{address}': give HOST:PORT of the head node, or `auto` on a machine of "
-            "the cluster"
-        )
     try:
         socket.create_connection((host, int(port)), CONNECT_TIMEOUT_S).close()
     except OSError as reason:
         raise _no_cluster(address, reason) from None
+
+
+def check_address(address: str) -> None:
+    """Raise EvsError if it is neither `auto` nor HOST:PORT."""
+    if address == "auto":
+        return
+    host, _, port = str(address).rpartition(":")
+    if "/" in str(address) or not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise EvsError(
+            f"ray address '{address}': give HOST:PORT of the head node, or `auto` on a machine of "
+            "the cluster"
+        )
 
 
 def _no_cluster(address: str, reason: Exception) -> EvsError:
@@ -169,21 +212,11 @@ class _ClusterRunner(Generic[JobT]):
 
     def cancel(self) -> None:
         """Cancel the jobs that are at the cluster."""
-        for stream in self.sent:
-            with contextlib.suppress(Exception):
-                self.ray.cancel(stream, force=True)
+        cancel_all(self.ray, self.sent)
         self.sent.clear()
 
     def _room(self) -> int:
-        """How many jobs the cluster may hold now; nodes come and go."""
-        nodes = [node for node in self.ray.nodes() if node["Alive"]]
-        places = sum(int(node["Resources"].get("CPU", 0)) // self.threads for node in nodes)
-        if places == 0:
-            raise EvsError(
-                f"no node of the cluster has {self.threads} CPUs for a job; give fewer --threads, "
-                "or join nodes"
-            )
-        return places + QUEUED_JOBS
+        return room(self.ray, "a job", "give fewer --threads", self.threads)
 
     def _send(self, job: JobT, wanted: dict[str, str]) -> None:
         # we retry lost jobs, not Ray, so that each loss is reported
