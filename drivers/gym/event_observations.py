@@ -17,10 +17,8 @@ from evs.emulator.representations import (
     padded_packet,
     voxel_grid,
 )
+from evs.emulator.simulation.stacked_arrays import FULL
 from evs.msgs import Events, empty_events, unknown
-
-FULL = 255
-"""bound of event frames and voxel grids, which saturate there; agents normalise by it"""
 
 Size = tuple[int, int]
 """width, height, px"""

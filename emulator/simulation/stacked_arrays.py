@@ -19,7 +19,7 @@ I64 = npt.NDArray[np.int64]
 KINDS = ("event_frame", "voxel_grid", "time_surface", "packet")
 
 FULL = 255
-"""bound of event frames and voxel grids, which saturate there"""
+"""bound of event frames and voxel grids, which saturate there; agents normalise by it"""
 
 
 class StackedArrays:

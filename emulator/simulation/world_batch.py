@@ -138,7 +138,8 @@ class WorldBatch:
         if not ticks:
             return
         self._physics.settle(world)
-        now, before = self._worlds[world].go_on(self._physics.places[world], self._places[world])
+        places = self._physics.places_of(world)
+        now, before = self._worlds[world].go_on(places, self._places[world])
         for place, camera in enumerate(self._worlds[world].cameras):
             camera.take_back(lent[place], ticks, int(self._events[world, place]), now, before)
 

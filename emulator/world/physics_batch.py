@@ -108,6 +108,10 @@ class PhysicsBatch:
         """(n, k) what everything's place follows from, as of SnapshotTaker.places; a copy."""
         return np.concatenate(self._places, axis=1)
 
+    def places_of(self, world: int) -> F64:
+        """(k,) those of one world; a copy."""
+        return np.concatenate([rows[world] for rows in self._places])
+
     def t_us_of(self, world: int) -> int:
         """Simulated time of one world, us."""
         return int(self._ticks[world]) * self._substeps.tick_us
