@@ -45,7 +45,11 @@ class DeviceBatch:
         self._native, self._cameras, self._gpu = native, cameras, the_gpu()
         self._lent: dict[int, LentCamera] = {}
         self._terms: dict[str, int] = {}
-        self._shape = (0, 0)
+        """macros of the kernels of pixels"""
+        self._renders: dict[int, Any] = {}
+        """kernels of light by channels"""
+        self._stride = 0
+        """bytes of the state of a camera"""
 
     def put(self, camera: int, lent: LentCamera) -> None:
         """Take a camera in, after `put` of the native batch.
@@ -59,8 +63,12 @@ class DeviceBatch:
         """
         scene, model, state = _parts(lent)
         self._gpu.use()
-        if not self._lent:
+        if not self._stride:
             self._allocate(scene, model)
+        if scene.channels not in self._renders:
+            macros = {"EVS_CHANNELS": scene.channels, "EVS_ADAPTIVE": 0, "EVS_MANY": 1}
+            (kernel,) = kernels_of(self._gpu, "render/direct", ("direct_of_many",), macros)
+            self._renders[scene.channels] = kernel
         self._lent[camera] = lent
         arrays = state.fetched().arrays()
         offsets, _ = layout_of(arrays)
@@ -92,7 +100,7 @@ class DeviceBatch:
             camera: Its number.
             stepped: Whether it was stepped since `put`.
         """
-        lent = self._lent[camera]
+        lent = self._lent.pop(camera)
         if not stepped:
             return
         scene, _, state = _parts(lent)
@@ -150,7 +158,8 @@ class DeviceBatch:
                 gpu.upload(self._frames, self._frames_here[:count])
                 stride = np.array([self._frames_here.shape[1]], np.uint32)
                 frames = self._frames.argument
-                gpu.launch(self._render, (*self._grid, count), IMAGE_THREADS, frames, stride)
+                for kernel in self._renders.values():
+                    gpu.launch(kernel, (*self._grid, count), IMAGE_THREADS, frames, stride)
                 rendered = True
             if not stepped:
                 gpu.upload(self._pixels, self._pixels_here[:count])
@@ -200,8 +209,6 @@ class DeviceBatch:
         self._pixels = gpu.allocate(cameras * pixel_bytes)
         self._staged: npt.NDArray[np.uint8] = np.empty((0, 0), np.uint8)
         self._tick: DeviceMemory
-        macros = {"EVS_CHANNELS": scene.channels, "EVS_ADAPTIVE": 0, "EVS_MANY": 1}
-        (self._render,) = kernels_of(gpu, "render/direct", ("direct_of_many",), macros)
 
     def _make_room(self, tick_bytes: int) -> None:
         """Make room for what a tick of each camera changes."""
@@ -218,7 +225,7 @@ def fit_together(one: LentCamera, other: LentCamera) -> bool:
     if one.renderer.device is None or other.renderer.device is None:
         return False
     ours, theirs = _parts(one)[0], _parts(other)[0]
-    return ours.luminance.shape == theirs.luminance.shape and ours.channels == theirs.channels
+    return ours.luminance.shape == theirs.luminance.shape
 
 
 def _parts(lent: LentCamera) -> tuple[UploadedScene, CudaPlainModel, CudaPlainState]:

@@ -23,12 +23,13 @@ namespace evs {
 
 #if EVS_MANY
 
-// All samples of every pixel of as many cameras as the grid is deep. In: rows of `stride` bytes
-// which begin with a frame and end with where its light goes.
+// All samples of every pixel of those of as many cameras as the grid is deep that have so many
+// channels. In: rows of `stride` bytes which begin with a frame and end with where its light goes.
 extern "C" __global__ void __launch_bounds__(128, EVS_BLOCKS)
     direct_of_many(const char* rows, unsigned stride) {
   const char* row = rows + static_cast<size_t>(blockIdx.z) * stride;
   const Frame& frame = *reinterpret_cast<const Frame*>(row);
+  if (frame.channels != EVS_CHANNELS) return;
   float* luminance = *reinterpret_cast<float* const*>(row + stride - sizeof(float*));
   int x, y;
   if (!pixel_of_thread(frame, x, y)) return;
