@@ -81,6 +81,25 @@ def test_each_world_gives_the_bytes_of_a_world_alone(
     assert_same_states(worlds, alone)
 
 
+def test_each_world_has_its_own_light(device: StandInGpu | None) -> None:
+    """Some of it coloured, which takes other kernels."""
+    worlds, alone = pairs(4)
+    step_both(worlds, alone, ticks=2)
+    lamp = {
+        "light.lamp.diffuse.r": 0.2,
+        "light.lamp.diffuse.g": 0.9,
+        "light.lamp.diffuse.b": 0.4,
+    }
+    scenes = [{}, lamp, {"light.lamp.brightness": 0.5}, {**lamp, "light.lamp.pos.x": 0.5}]
+    worlds.reset(seed=5, scene=scenes)
+    for number, (world, scene) in enumerate(zip(alone.each, scenes, strict=True)):
+        world.reset(seed=worlds.seeds[number], scene=scene)
+    assert step_both(worlds, alone, [[1.0], [-1.0], [0.5], [1.0]], ticks=20) > 0
+    assert_same_states(worlds, alone)
+    step_both(worlds, alone, ticks=[2, 0, 3, 1])
+    assert_same_states(worlds, alone)
+
+
 def test_a_burst_of_all_worlds_gets_room(device: StandInGpu | None) -> None:
     sensor = SensorConfig(
         "ideal", width=40, height=32, pos_thres=0.002, neg_thres=0.002, shot_noise_rate_hz=5e3
