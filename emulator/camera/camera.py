@@ -443,6 +443,7 @@ class Camera:
     def _stand(self, viewpoint: Viewpoint) -> None:
         self._viewpoint = viewpoint
         self._stays: F32 | None = None
+        self._renders_on_device = isinstance(viewpoint.renderer, DeviceRenderer)
         self._unlit = is_unlit(viewpoint.scene, self._plan.render)
         lines = flicker_warnings(viewpoint.scene.lights, self._plan.render, self._tick_us)
         warn_left_out([line for line in lines if line not in self.left_out])
@@ -527,8 +528,7 @@ class Camera:
 
     def _own_buffer(self) -> F32 | None:
         """Memory for its light that stays on the GPU; None: it does not."""
-        on_device = self._pixels.on_device and isinstance(self._renderer, DeviceRenderer)
-        if on_device and self._stays is None:
+        if self._stays is None and self._pixels.on_device and self._renders_on_device:
             self._stays = self.light_buffer()
         return self._stays
 

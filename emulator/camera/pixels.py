@@ -80,6 +80,8 @@ class Pixels:
             isa=isa,
         )
         self._model = self._make(sensor)
+        # asked in every tick, and slow to find out
+        self._on_device = isinstance(self._model, DeviceModel)
         self._readout = make_readout(sensor, switches)
         self._shape = (int(sensor.height), int(sensor.width))
         self._seed = seed
@@ -172,7 +174,7 @@ class Pixels:
     @property
     def on_device(self) -> bool:
         """Whether they are on a GPU, and take light that is there."""
-        return isinstance(self._model, DeviceModel)
+        return self._on_device
 
     @property
     def adjustable(self) -> tuple[str, ...]:
