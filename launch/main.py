@@ -105,8 +105,8 @@ MORE_MEMORY = (
     "or container (ulimit -v)"
 )
 INSTALL = "install evs again, or raise the memory limit if there is one (ulimit -v)"
-LEAST_BYTES = 150_000_000
-"""of address space: a small scene takes 100 MB. With less, some library, or the C library itself,
+LEAST_BYTES = 220_000_000
+"""of address space: what a small scene takes. With less, some library, or the C library itself,
 aborts the process while it is loaded, each with another message."""
 
 

@@ -15,7 +15,7 @@ from evs.emulator.optics import check_distortion, check_vignetting
 from evs.emulator.world.compat import is_orthographic
 from evs.emulator.world.controls import home_keyframe
 from evs.emulator.world.materials import geom_rgba, is_shown
-from evs.emulator.world.model import find, name_of
+from evs.emulator.world.model import find, name_of, new_data
 from evs.emulator.world.physics import moving_bodies, update_poses
 from evs.emulator.world.trajectories import Shaking, Trajectory, read_trajectory
 from evs.msgs import EvsError
@@ -364,7 +364,7 @@ def _box(model: mujoco.MjModel, bodies: npt.NDArray[np.bool_]) -> tuple[F64, F64
     deforms = bool(model.nskin or model.nflex)
     if not geoms and not (deforms and bodies.any()):
         return None
-    data = mujoco.MjData(model)
+    data = new_data(model)
     home = home_keyframe(model)
     if home >= 0:
         mujoco.mj_resetDataKeyframe(model, data, home)

@@ -11,6 +11,7 @@ import numpy as np
 
 from evs.emulator.base.scene import F32, Deformed, Mesh
 from evs.emulator.world.materials import Rgba, is_shown, shown_rgba
+from evs.emulator.world.model import new_data
 from evs.emulator.world.physics import update_poses
 
 
@@ -55,7 +56,7 @@ class Deformables:
 
     def at_rest(self) -> list[Mesh]:
         """Of each: its mesh where the model begins."""
-        data = mujoco.MjData(self._model)
+        data = new_data(self._model)
         update_poses(self._model, data)
         return self.meshes(data)
 

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from evs.emulator.base.scene import F64
-from evs.emulator.world.model import find
+from evs.emulator.world.model import find, new_data
 from evs.emulator.world.physics import STATE, update_poses
 from evs.msgs import EvsError, unknown
 
@@ -74,7 +74,7 @@ class Encoders:
             EvsError: No such sensor, or no range.
         """
         self._model = model
-        self._data = mujoco.MjData(model)
+        self._data = new_data(model)
         self._state = np.zeros(mujoco.mj_stateSize(model, STATE))
         self.limits = read_limits(model, limits or {})
         self._stage = max((limit.stage for limit in self.limits), default=0)

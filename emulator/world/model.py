@@ -47,6 +47,21 @@ def load_model(scene: Scene) -> mujoco.MjModel:
     return model
 
 
+def new_data(model: mujoco.MjModel) -> mujoco.MjData:
+    """Make the data of a model, at qpos0.
+
+    Raises:
+        EvsError: It does not fit in memory.
+    """
+    try:
+        return mujoco.MjData(model)
+    except (mujoco.FatalError, MemoryError) as reason:
+        raise EvsError(
+            f"the model's state does not fit: {one_line(reason)}; give the model less memory "
+            "(<size memory=.../>), or raise the limit of this shell or container (ulimit -v)"
+        ) from None
+
+
 def _load_any(scene: Scene) -> mujoco.MjModel:
     if isinstance(scene, mujoco.MjModel):
         return copy.copy(scene)

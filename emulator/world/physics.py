@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from evs.emulator.base.scene import F64
 from evs.emulator.world.compat import SLEEP, actuator_of
-from evs.emulator.world.model import name_of, one_line
+from evs.emulator.world.model import name_of, new_data, one_line
 from evs.msgs import EvsError
 
 MAX_STEPS = 1_000_000
@@ -231,10 +231,7 @@ class Physics:
         # a reset would put time and robot back to their beginning without a word
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.model = model
-        try:
-            self.data = mujoco.MjData(model)
-        except (mujoco.FatalError, MemoryError) as reason:
-            raise EvsError(f"the model's state does not fit: {one_line(reason)}") from None
+        self.data = new_data(model)
         self._before = np.zeros(mujoco.mj_stateSize(model, STATE))
         # MuJoCo's own memory, not a copy
         self._warnings = self.data.warning.number
@@ -243,7 +240,7 @@ class Physics:
     def part(self) -> mujoco.MjModel:
         """Go on with a copy of the model, in the same state; the copy."""
         saved, model = save_physics(self.model, self.data), copy.copy(self.model)
-        self.model, self.data = model, mujoco.MjData(model)
+        self.model, self.data = model, new_data(model)
         put_physics(model, self.data, saved)
         self._warnings = self.data.warning.number
         return model

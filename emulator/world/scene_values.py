@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.config.plain_values import plain_number
-from evs.emulator.world.model import one_line
+from evs.emulator.world.model import new_data, one_line
 from evs.emulator.world.scene_keys import (
     ATTRIBUTES,
     Attribute,
@@ -197,7 +197,7 @@ class SceneValues:
     def _derive(self) -> None:
         """Compute the constants again that follow from masses and places."""
         if self._scratch is None:
-            self._scratch = mujoco.MjData(self._model)
+            self._scratch = new_data(self._model)
         given = ("meaninertia",) if self._inertia_is_given else ()
         kept = self._statistics(*STATISTICS, *given)
         mujoco.mj_setConst(self._model, self._scratch)

@@ -20,6 +20,7 @@ from evs.emulator.world.daemon_threads import end_daemons_at_exit, end_here
 from evs.emulator.world.deformables import Deformables
 from evs.emulator.world.extraction import visible_geoms, visible_sites
 from evs.emulator.world.lights import active_lights
+from evs.emulator.world.model import new_data
 from evs.emulator.world.model_edits import arrays_of, pose_names
 from evs.emulator.world.physics import check_positions, update_poses
 from evs.emulator.world.tendons import Strands
@@ -37,7 +38,7 @@ class SnapshotTaker:
         end_daemons_at_exit()
         self._given = model
         self._asleep: tuple[mujoco.MjModel, _core.Watch] | None = None
-        self._data = mujoco.MjData(self._awake())
+        self._data = new_data(self._awake())
         self.fit(cameras)
 
     def fit(self, cameras: Iterable[BoundCamera]) -> None:

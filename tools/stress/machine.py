@@ -231,7 +231,7 @@ def _jumps(short: bool) -> Measurement:
 _BURST = {"preset": "ideal", "width": 640, "height": 480, "pos_thres": 0.02, "neg_thres": 0.02}
 """[sensor]: 25 million events, 600 MB, in a tick in which a quarter of the picture goes dark"""
 _MEMORY = 300_000_000
-_LESS = (170_000_000, 100_000_000, 30_000_000, 10_000_000)
+_LESS = (240_000_000, 225_000_000, 170_000_000, 10_000_000)
 """bytes beyond the bare program: enough until the burst; hardly enough, or too few, to start"""
 _ROOM = 65_536
 """bytes of disk"""
@@ -343,7 +343,7 @@ CASES = (
     StressCase(
         "memory-limit",
         "machine",
-        "a burst of 600 MB of events where 300 MB are left; starts with 10, 30, 100 and 170 MB",
+        "a burst of 600 MB of events where 300 MB are left; starts with 10, 170, 225 and 240 MB",
         "one line, exit code 2; every event that the recorder counted is read back, and those "
         "before the burst are those of a run without a limit",
         _memory,

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from evs.emulator.world import load_model
+from evs.emulator.world.model import new_data
 from evs.msgs import EvsError
+from evs.tools.stress.memory import address_space
 
 XML = "<mujoco><worldbody><geom name='ball' size='.1'/></worldbody></mujoco>"
 
@@ -142,3 +144,12 @@ def test_no_robot_has_any(robot_files: dict[str, Path]) -> None:
     for path in list(robot_files.values())[:12]:
         usual = mujoco.MjModel.from_xml_path(str(path))
         assert np.array_equal(load_model(path).geom_sameframe, usual.geom_sameframe)
+
+
+def test_a_state_that_memory_does_not_hold_is_one_line() -> None:
+    model = mujoco.MjModel.from_xml_string("<mujoco><size memory='500M'/></mujoco>")
+    with (
+        address_space(10_000_000),
+        pytest.raises(EvsError, match=r"state does not fit: .*allocate memory; give the"),
+    ):
+        new_data(model)
