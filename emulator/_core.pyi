@@ -475,16 +475,26 @@ def step_device_pixels(arguments: Annotated[NDArray[numpy.uint8], dict(shape=(No
         arguments: (argument_bytes,) uint8.
     """
 
-def pack_device_crossings(counts: int, blocks: int, crossings: int, crossing_room: int, offsets: int, all: int, room: int, packed: int) -> None:
+def place_device_crossings(counts: int, blocks: int, offsets: int, all: int) -> None:
     """
-    Pack what pixels have found, as a device does: for tests. Arrays are addresses.
+    Run the kernel place_crossings on the CPU: for tests. Arrays are addresses.
 
     Args:
         counts, blocks: Of each block of pixels, and how many blocks there are.
-        crossings, crossing_room: Of each block, and room for how many it has.
-        offsets: (blocks,) uint32, the output: where those of each block begin.
+        offsets: (blocks,) uint32, the output: where the crossings of each block begin.
         all: (4,) uint32, the output: crossings, the most crossings and candidates of a
             block, pixels with unusable luminance.
+    """
+
+def pack_device_crossings(threads: int, counts: int, blocks: int, crossings: int, crossing_room: int, offsets: int, all: int, room: int, packed: int) -> None:
+    """
+    Run the kernel pack_crossings on the CPU: for tests. Arrays are addresses.
+
+    Args:
+        threads: How many are launched.
+        counts, blocks: As of place_device_crossings.
+        crossings, crossing_room: Of each block, and room for how many it has.
+        offsets, all: What place_device_crossings found.
         room: How many crossings there is room for.
         packed: The crossings, the output.
     """

@@ -1,5 +1,5 @@
-// Exclusive scan of counts by 1024 threads of a GPU, in three steps between which all of them wait.
-// Every thread has a part of the counts, one after another.
+// Exclusive scan of counts by 1024 threads, in three steps between which all of them wait: those of
+// a block of a GPU, or a thread after another on the CPU. Every thread has a part of the counts.
 #pragma once
 
 #include <cstddef>
@@ -12,11 +12,23 @@ namespace evs {
 inline constexpr unsigned kScanThreads = 1024;
 inline constexpr unsigned kScanBlock = 32;  // threads whose sums are summed first
 
-// What the threads share.
+// What the threads share. Sum{} is the sum of nothing.
+template <class Sum>
 struct ScanSums {
-  uint32_t of_thread[kScanThreads];
-  uint32_t of_block[kScanThreads / kScanBlock];
+  Sum of_thread[kScanThreads];
+  Sum of_block[kScanThreads / kScanBlock];
 };
+
+// Run a step in every thread, and wait for all of them.
+template <class Step>
+EVS_ALWAYS_INLINE void for_scan_threads(const Step& step) {
+#ifdef __CUDACC__
+  step(threadIdx.x);
+  __syncthreads();
+#else
+  for (unsigned thread = 0; thread < kScanThreads; thread++) step(thread);
+#endif
+}
 
 EVS_ALWAYS_INLINE void scan_part(unsigned thread, size_t count, size_t& first, size_t& end) {
   const size_t each = (count + kScanThreads - 1) / kScanThreads;
@@ -24,36 +36,48 @@ EVS_ALWAYS_INLINE void scan_part(unsigned thread, size_t count, size_t& first, s
   end = first + each < count ? first + each : count;
 }
 
-EVS_ALWAYS_INLINE void scan_sum_part(unsigned thread, const uint32_t* counts, size_t count,
-                                     ScanSums& sums) {
+template <class Sum, class Count>
+EVS_ALWAYS_INLINE void scan_sum_part(unsigned thread, const Count* counts, size_t count,
+                                     ScanSums<Sum>& sums) {
   size_t first, end;
   scan_part(thread, count, first, end);
-  uint32_t sum = 0;
+  Sum sum{};
   for (size_t i = first; i < end; i++) sum += counts[i];
   sums.of_thread[thread] = sum;
 }
 
-EVS_ALWAYS_INLINE void scan_sum_block(unsigned thread, ScanSums& sums) {
+template <class Sum>
+EVS_ALWAYS_INLINE void scan_sum_block(unsigned thread, ScanSums<Sum>& sums) {
   if (thread % kScanBlock != 0) return;
-  uint32_t sum = 0;
+  Sum sum{};
   for (unsigned i = 0; i < kScanBlock; i++) sum += sums.of_thread[thread + i];
   sums.of_block[thread / kScanBlock] = sum;
 }
 
-// In/out: counts; each becomes the sum of those before it. Out: the sum of all.
-EVS_ALWAYS_INLINE void scan_write(unsigned thread, uint32_t* counts, size_t count,
-                                  const ScanSums& sums, uint32_t* total) {
-  uint32_t before = 0;
+template <class Sum, class Count, class Put>
+EVS_ALWAYS_INLINE void scan_write(unsigned thread, const Count* counts, size_t count,
+                                  const ScanSums<Sum>& sums, const Put& put, Sum* total) {
+  Sum before{};
   for (unsigned i = 0; i < thread / kScanBlock; i++) before += sums.of_block[i];
   for (unsigned i = thread - thread % kScanBlock; i < thread; i++) before += sums.of_thread[i];
   size_t first, end;
   scan_part(thread, count, first, end);
   for (size_t i = first; i < end; i++) {
-    const uint32_t here = counts[i];
-    counts[i] = before;
+    const Count here = counts[i];
+    put(i, before);
     before += here;
   }
   if (thread == kScanThreads - 1) *total = before;
+}
+
+// Sum counts. Out: the sum of all; put(i, sum) takes the sum of those before each, and may write it
+// in the place of that count.
+template <class Sum, class Count, class Put>
+EVS_ALWAYS_INLINE void scan(const Count* counts, size_t count, ScanSums<Sum>& sums, const Put& put,
+                            Sum* total) {
+  for_scan_threads([&](unsigned thread) { scan_sum_part(thread, counts, count, sums); });
+  for_scan_threads([&](unsigned thread) { scan_sum_block(thread, sums); });
+  for_scan_threads([&](unsigned thread) { scan_write(thread, counts, count, sums, put, total); });
 }
 
 }  // namespace evs

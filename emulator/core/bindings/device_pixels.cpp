@@ -46,25 +46,21 @@ void step_device_pixels(Array<const uint8_t, 1> arguments) {
   }
 }
 
-// Pack the crossings of blocks, as a device does.
-void pack_device_crossings(uint64_t counts, uint32_t blocks, uint64_t crossings,
+// Find where the crossings of blocks go, by the threads of the kernel place_crossings.
+void place_device_crossings(uint64_t counts, uint32_t blocks, uint64_t offsets, uint64_t all) {
+  ScanSums<TickCounts> sums;
+  place_crossings_of(at<const BlockCounts>(counts), blocks, at<uint32_t>(offsets), sums,
+                     at<TickCounts>(all));
+}
+
+// Pack the crossings of blocks, by so many threads of the kernel pack_crossings.
+void pack_device_crossings(size_t threads, uint64_t counts, uint32_t blocks, uint64_t crossings,
                            uint32_t crossing_room, uint64_t offsets, uint64_t all, uint32_t room,
                            uint64_t packed) {
-  TickCounts found{};
-  for (uint32_t block = 0; block < blocks; block++) {
-    const BlockCounts& one = at<const BlockCounts>(counts)[block];
-    at<uint32_t>(offsets)[block] = found.crossings;
-    found.crossings += one.crossings;
-    found.most_crossings = std::max(found.most_crossings, one.crossings);
-    found.most_candidates = std::max(found.most_candidates, one.candidates);
-    found.clamped += one.clamped;
-  }
-  *at<TickCounts>(all) = found;
-  if (found.crossings > room || found.most_crossings > crossing_room) return;
-  Crossing* to = at<Crossing>(packed);
-  for (size_t block = 0; block < blocks; block++) {
-    const Crossing* from = at<const Crossing>(crossings) + block * crossing_room;
-    to = std::copy_n(from, at<const BlockCounts>(counts)[block].crossings, to);
+  for (size_t thread = 0; thread < threads; thread++) {
+    pack_crossings_of(thread, at<const BlockCounts>(counts), blocks, at<const Crossing>(crossings),
+                      crossing_room, at<const uint32_t>(offsets), at<const TickCounts>(all), room,
+                      at<Crossing>(packed));
   }
 }
 
@@ -108,17 +104,25 @@ void bind_device_pixels(nb::module_& m) {
         "\n"
         "Args:\n"
         "    arguments: (argument_bytes,) uint8.");
-  m.def("pack_device_crossings", &pack_device_crossings, nb::arg("counts"), nb::arg("blocks"),
-        nb::arg("crossings"), nb::arg("crossing_room"), nb::arg("offsets"), nb::arg("all"),
-        nb::arg("room"), nb::arg("packed"),
-        "Pack what pixels have found, as a device does: for tests. Arrays are addresses.\n"
+  m.def("place_device_crossings", &place_device_crossings, nb::arg("counts"), nb::arg("blocks"),
+        nb::arg("offsets"), nb::arg("all"),
+        "Run the kernel place_crossings on the CPU: for tests. Arrays are addresses.\n"
         "\n"
         "Args:\n"
         "    counts, blocks: Of each block of pixels, and how many blocks there are.\n"
-        "    crossings, crossing_room: Of each block, and room for how many it has.\n"
-        "    offsets: (blocks,) uint32, the output: where those of each block begin.\n"
+        "    offsets: (blocks,) uint32, the output: where the crossings of each block begin.\n"
         "    all: (4,) uint32, the output: crossings, the most crossings and candidates of a\n"
-        "        block, pixels with unusable luminance.\n"
+        "        block, pixels with unusable luminance.");
+  m.def("pack_device_crossings", &pack_device_crossings, nb::arg("threads"), nb::arg("counts"),
+        nb::arg("blocks"), nb::arg("crossings"), nb::arg("crossing_room"), nb::arg("offsets"),
+        nb::arg("all"), nb::arg("room"), nb::arg("packed"),
+        "Run the kernel pack_crossings on the CPU: for tests. Arrays are addresses.\n"
+        "\n"
+        "Args:\n"
+        "    threads: How many are launched.\n"
+        "    counts, blocks: As of place_device_crossings.\n"
+        "    crossings, crossing_room: Of each block, and room for how many it has.\n"
+        "    offsets, all: What place_device_crossings found.\n"
         "    room: How many crossings there is room for.\n"
         "    packed: The crossings, the output.");
   nb::class_<BoundDevicePixels>(

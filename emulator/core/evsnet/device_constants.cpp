@@ -5,7 +5,6 @@
 #include <stdexcept>
 
 #include "device_pixel.h"
-#include "scan.h"
 
 namespace evs {
 
@@ -83,20 +82,6 @@ class Arguments {
   size_t taken_ = 0;
 };
 
-// As the kernel scan_groups, whose threads wait for each other between the steps.
-void scan_groups(const DeviceNetwork& net, size_t blocks) {
-  const size_t groups = net.groups();
-  ScanSums sums;
-  for (size_t kind = 0; kind < blocks; kind++) {
-    uint32_t* counts = net.arrays.groups + kind * groups;
-    for (unsigned t = 0; t < kScanThreads; t++) scan_sum_part(t, counts, groups, sums);
-    for (unsigned t = 0; t < kScanThreads; t++) scan_sum_block(t, sums);
-    for (unsigned t = 0; t < kScanThreads; t++) {
-      scan_write(t, counts, groups, sums, net.arrays.totals + kind);
-    }
-  }
-}
-
 }  // namespace
 
 void run_network_kernel(const std::string& kernel, size_t blocks, size_t threads,
@@ -117,7 +102,8 @@ void run_network_kernel(const std::string& kernel, size_t blocks, size_t threads
     for_threads([&](size_t i) { network_device::sum_group(net, i); });
   } else if (scans) {
     if (threads != kScanThreads) throw std::invalid_argument("a scan has 1024 threads");
-    scan_groups(net, blocks);
+    ScanSums<uint32_t> sums;
+    for (size_t kind = 0; kind < blocks; kind++) network_device::scan_groups_of(net, kind, sums);
   } else if (kernel == "write_crossings") {
     Crossing* crossings = given.take<Crossing*>();
     for_threads([&](size_t i) { network_device::write_crossings_of(net, crossings, i); });

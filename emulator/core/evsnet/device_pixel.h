@@ -15,6 +15,7 @@
 #include "bilif_lanes.inl"
 #include "device_network.h"
 #include "log_delta_lanes.inl"
+#include "scan.h"
 #include "spike_time.h"
 #include "wide.inl"
 
@@ -221,6 +222,13 @@ EVS_INLINE void sum_group(const DeviceNetwork& net, size_t group) {
   }
   EVS_UNROLL(4)
   for (size_t k = 0; k < kGroupCounts; k++) net.arrays.groups[k * groups + group] = sums[k];
+}
+
+// Sum the counts of one kind of the groups before each, by all threads of a scan.
+EVS_INLINE void scan_groups_of(const DeviceNetwork& net, size_t kind, ScanSums<uint32_t>& sums) {
+  uint32_t* counts = net.arrays.groups + kind * net.groups();
+  auto put = [&](size_t group, uint32_t before) { counts[group] = before; };
+  scan(counts, net.groups(), sums, put, net.arrays.totals + kind);
 }
 
 // Write the crossings of a pixel where they go.

@@ -2,7 +2,10 @@
 // crossings go to memory of its own.
 #pragma once
 
+#include <algorithm>
+
 #include "pixel_block.h"
+#include "scan.h"
 
 namespace evs {
 
@@ -30,10 +33,41 @@ struct TickCounts {
   uint32_t most_crossings;
   uint32_t most_candidates;
   uint32_t clamped;
+
+  EVS_ALWAYS_INLINE void operator+=(const TickCounts& more) {
+    crossings += more.crossings;
+    most_crossings = std::max(most_crossings, more.most_crossings);
+    most_candidates = std::max(most_candidates, more.most_candidates);
+    clamped += more.clamped;
+  }
+  EVS_ALWAYS_INLINE void operator+=(const BlockCounts& block) {
+    *this += TickCounts{block.crossings, block.crossings, block.candidates, block.clamped};
+  }
 };
 
 EVS_ALWAYS_INLINE size_t block_count(uint64_t pixels) {
   return static_cast<size_t>((pixels + kBlock - 1) / kBlock);
+}
+
+// Find where the crossings of each block go, by all threads of a scan. Out: offsets (blocks,).
+EVS_ALWAYS_INLINE void place_crossings_of(const BlockCounts* counts, size_t blocks,
+                                          uint32_t* offsets, ScanSums<TickCounts>& sums,
+                                          TickCounts* all) {
+  auto put = [&](size_t block, const TickCounts& before) { offsets[block] = before.crossings; };
+  scan(counts, blocks, sums, put, all);
+}
+
+// Pack the crossings of a block among those of all, unless a block or all of them need more room.
+// In: crossings (blocks, crossing_room). Out: packed (room,).
+EVS_ALWAYS_INLINE void pack_crossings_of(size_t block, const BlockCounts* counts, size_t blocks,
+                                         const Crossing* crossings, uint32_t crossing_room,
+                                         const uint32_t* offsets, const TickCounts* all,
+                                         uint32_t room, Crossing* packed) {
+  if (block >= blocks) return;
+  if (all->crossings > room || all->most_crossings > crossing_room) return;
+  const Crossing* from = crossings + block * crossing_room;
+  Crossing* to = packed + offsets[block];
+  for (uint32_t i = 0; i < counts[block].crossings; i++) to[i] = from[i];
 }
 
 }  // namespace evs

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from evs.emulator import _core
 from evs.emulator.base.gpu.arrays import DeviceArrays
-from evs.emulator.base.gpu.compiler import kernels_of
+from evs.emulator.base.gpu.compiler import SCAN_THREADS, kernels_of
 from evs.emulator.base.gpu.driver import Gpu
 from evs.emulator.base.scene import F32
 from evs.emulator.evsnet.native import LANES, NEVER, NativeRuntime
@@ -31,7 +31,6 @@ KERNELS = (
 """of core/evsnet/gpu/network.cu"""
 THREADS = 128
 """of a block, but for `scan_groups`"""
-SCAN_THREADS = 1024
 COUNTS = 4
 """spikes, and pixels whose light was replaced, whose X and whose V was clamped"""
 SIDE = 4

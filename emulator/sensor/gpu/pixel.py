@@ -15,7 +15,7 @@ from evs.emulator import _core
 from evs.emulator.base.arrays import Arrays
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.gpu.arrays import ALIGNMENT, DeviceArrays, DeviceLight
-from evs.emulator.base.gpu.compiler import kernels_of
+from evs.emulator.base.gpu.compiler import SCAN_THREADS, kernels_of
 from evs.emulator.base.gpu.driver import DeviceMemory, Gpu, the_gpu
 from evs.emulator.sensor.parameters import ModelRequest, SensorParameters
 from evs.emulator.sensor.pixel import (
@@ -34,7 +34,6 @@ KERNELS_OF_MANY = ("prepare", "step_blocks_of_many", "place_crossings", "pack_cr
 """where EVS_MANY is 1: of many cameras"""
 THREADS = 64
 """of a block of the GPU, but for `place_crossings`"""
-SCAN_THREADS = 1024
 LOGS = ("linlog", "log_eps", "ln")
 """as LogKind of core/sensor/log_map.h"""
 FILTERS = ("exact", "euler", "large_signal")

@@ -16,6 +16,7 @@ from gpu.stand_in import stand_in
 import evs
 from evs.emulator.base.gpu import driver
 from evs.emulator.base.gpu.arrays import DeviceLight
+from evs.emulator.base.gpu.compiler import SCAN_THREADS
 from evs.emulator.base.scene import F32
 from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import CameraConfig, ModelConfig
@@ -133,7 +134,7 @@ def test_films_have_what_is_compared(device: Any) -> None:
 def test_large_images_are_counted_in_parts(device: Any) -> None:
     """More groups than a scan has threads: each thread has several."""
     shape = 181, 257
-    assert shape[0] * shape[1] > 32 * gpu_network.SCAN_THREADS
+    assert shape[0] * shape[1] > 32 * SCAN_THREADS
     cpu, gpu = pair(through_network(5.0, 0), shape, events_per_tick="many")
     light = np.random.default_rng(1).uniform(0.05, 1, (6, *shape)).astype(np.float32)
     light[4] = light[3]

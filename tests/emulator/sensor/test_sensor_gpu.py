@@ -14,6 +14,7 @@ from gpu.stand_in import StandInGpu, stand_in
 import evs
 from evs.drivers.clock import StopWatch
 from evs.emulator.base.gpu.arrays import DeviceLight
+from evs.emulator.base.gpu.compiler import SCAN_THREADS
 from evs.emulator.base.scene import F32
 from evs.emulator.camera import event_models
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
@@ -145,6 +146,25 @@ def test_a_burst_gets_room(device: StandInGpu | None) -> None:
         sizes.append(len(events))
     assert max(sizes) > pixel.LEAST_ROOM * 10
     assert sizes[-1] < max(sizes) / 10
+
+
+def test_large_images_are_packed_in_parts(device: StandInGpu | None) -> None:
+    """More blocks than a scan has threads: each thread has several."""
+    sensor = replace(SENSOR, width=257, height=257)
+    assert sensor.width * sensor.height > pixel.BLOCK * SCAN_THREADS
+    cpu, there = PlainModel(sensor, 1), CudaPlainModel(sensor, 1)
+    ours, theirs = there.init(2), cpu.init(2)
+    rng = np.random.default_rng(2)
+    for tick in range(4):
+        light = rng.uniform(0.05, 1.0, (sensor.height, sensor.width)).astype(np.float32)
+        light[tick::50, ::7] = np.nan
+        span = 1000 * tick, 1000 * tick + 1000
+        events, ours = there.step(light, ours, *span)
+        expected, theirs = cpu.step(light, theirs, *span)
+        assert events.tobytes() == expected.tobytes()
+        assert ours.fetched() == theirs
+    assert len(events) > 100_000
+    assert ours.clamps > 500
 
 
 def worlds(model: str, render: dict[str, Any], sensor: SensorConfig) -> list[evs.World]:

@@ -13,6 +13,7 @@ import pytest
 
 from evs.emulator import _core
 from evs.emulator.base.gpu import compiler, driver
+from evs.emulator.base.gpu.compiler import SCAN_THREADS
 from evs.emulator.base.gpu.driver import DevicePart
 from evs.emulator.camera import event_models
 from evs.emulator.evsnet.gpu.network import KERNELS as NETWORK_KERNELS
@@ -101,8 +102,12 @@ class StandInGpu:
             for row in _rows(arguments[0], blocks[2], int(arguments[1][0])):
                 light = _rows(row[-8:].view(np.uint64), 1, 4 * self.shape[0] * self.shape[1])
                 _core.trace_device_frame(row[:-8], light.view(np.float32).reshape(self.shape))
+        if kernel == "place_crossings":
+            assert (blocks[0], threads) == (1, SCAN_THREADS)
+            _core.place_device_crossings(*[int(argument[0]) for argument in arguments])
         if kernel == "pack_crossings":
-            _core.pack_device_crossings(*[int(argument[0]) for argument in arguments])
+            numbers = [int(argument[0]) for argument in arguments]
+            _core.pack_device_crossings(blocks[0] * threads, *numbers)
         if kernel in ("direct", "first_pass", "trace_samples"):
             # the parameter is a part of all arguments, from its own on
             base = arguments[0].base

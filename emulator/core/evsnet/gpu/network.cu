@@ -2,7 +2,6 @@
 #include "prelude.h"
 
 #include "device_pixel.h"
-#include "scan.h"
 
 // channels of the network
 #ifndef EVS_CHANNELS
@@ -30,14 +29,8 @@ extern "C" __global__ void __launch_bounds__(128)
 // Sum the counts of the groups before each, a block for each kind of count.
 extern "C" __global__ void __launch_bounds__(kScanThreads)
     scan_groups(const __grid_constant__ DeviceNetwork net) {
-  __shared__ ScanSums sums;
-  const size_t groups = net.groups();
-  uint32_t* counts = net.arrays.groups + blockIdx.x * groups;
-  scan_sum_part(threadIdx.x, counts, groups, sums);
-  __syncthreads();
-  scan_sum_block(threadIdx.x, sums);
-  __syncthreads();
-  scan_write(threadIdx.x, counts, groups, sums, net.arrays.totals + blockIdx.x);
+  __shared__ ScanSums<uint32_t> sums;
+  cuda::scan_groups_of(net, blockIdx.x, sums);
 }
 
 // Write the crossings of every pixel. Out: as many as totals[0].
