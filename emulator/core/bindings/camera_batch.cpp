@@ -92,28 +92,12 @@ class CameraBatch {
             In<double, N, N, 3> light_pos, In<double, N, N, 3> light_dir,
             In<double, N, 3> camera_pos, In<double, N, 9> camera_mat, In<int64_t, N> t_begin_us,
             int64_t tick_us) {
-    const size_t worlds = geom_pos.shape(0), geoms = geom_pos.shape(1);
-    const size_t lights = light_pos.shape(1);
-    require(geom_mat.shape(0) == worlds && geom_mat.shape(1) == geoms &&
-                light_pos.shape(0) == worlds && light_dir.shape(0) == worlds &&
-                light_dir.shape(1) == lights,
-            "poses of another number of worlds, geoms or lights");
-    require(camera_pos.shape(0) == cameras_.size() && camera_mat.shape(0) == cameras_.size() &&
-                t_begin_us.shape(0) == cameras_.size(),
-            "one pose and one time for each camera");
+    const AllPoses poses =
+        checked_poses(which, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
+    require(t_begin_us.shape(0) == cameras_.size(), "one time for each camera");
     BoundPixels::check_tick_us(tick_us);
-    const size_t jobs = which.shape(0);
-    for (size_t k = 0; k < jobs; k++) {
-      const Camera& camera = checked(which, k);
-      require(
-          camera.world < worlds && camera.caster->geoms == geoms && camera.caster->lights == lights,
-          "poses for another number of geoms or lights");
-    }
-    const AllPoses poses = {geom_pos.data(),   geom_mat.data(),  geoms,
-                            light_pos.data(),  light_dir.data(), lights,
-                            camera_pos.data(), camera_mat.data()};
     GilRelease release;
-    pool_.run(static_cast<int>(jobs), [&](int job, int) {
+    pool_.run(static_cast<int>(which.shape(0)), [&](int job, int) {
       const size_t index = static_cast<size_t>(which.data()[job]);
       Camera& camera = cameras_[index];
       camera.caster->caster.render(poses.of(camera, index), camera.luminance, nullptr);
@@ -138,17 +122,12 @@ class CameraBatch {
                uint64_t tick, uint64_t luminance, uint64_t crossings, uint32_t crossing_room,
                uint64_t candidates, uint32_t candidate_room, uint64_t counts,
                Out<uint8_t, N, N> staged, Out<uint8_t, N, N> frames, Out<uint8_t, N, N> pixels) {
-    const size_t jobs = which.shape(0), worlds = geom_pos.shape(0);
-    const size_t geoms = geom_pos.shape(1), lights = light_pos.shape(1);
-    const AllPoses poses = {geom_pos.data(),   geom_mat.data(),  geoms,
-                            light_pos.data(),  light_dir.data(), lights,
-                            camera_pos.data(), camera_mat.data()};
+    const AllPoses poses =
+        checked_poses(which, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
     BoundPixels::check_tick_us(tick_us);
+    const size_t jobs = which.shape(0);
     for (size_t k = 0; k < jobs; k++) {
       const Camera& camera = checked(which, k);
-      require(
-          camera.world < worlds && camera.caster->geoms == geoms && camera.caster->lights == lights,
-          "poses for another number of geoms or lights");
       require(camera.device.frame != nullptr, "a camera without its device");
       require(camera.device.frame->frame.tick_bytes() <= staged.shape(1), "staged is too small");
     }
@@ -299,6 +278,29 @@ class CameraBatch {
     const Camera& camera = cameras_[static_cast<size_t>(index)];
     require(camera.caster != nullptr, "a camera without its caster");
     return camera;
+  }
+
+  // The poses of a tick, which are those of all cameras, and of the worlds of those that are named.
+  AllPoses checked_poses(const In<int32_t, N>& which, const In<double, N, N, 3>& geom_pos,
+                         const In<double, N, N, 9>& geom_mat, const In<double, N, N, 3>& light_pos,
+                         const In<double, N, N, 3>& light_dir, const In<double, N, 3>& camera_pos,
+                         const In<double, N, 9>& camera_mat) const {
+    const size_t worlds = geom_pos.shape(0), geoms = geom_pos.shape(1);
+    const size_t lights = light_pos.shape(1);
+    require(geom_mat.shape(0) == worlds && geom_mat.shape(1) == geoms &&
+                light_pos.shape(0) == worlds && light_dir.shape(0) == worlds &&
+                light_dir.shape(1) == lights,
+            "poses of another number of worlds, geoms or lights");
+    require(camera_pos.shape(0) == cameras_.size() && camera_mat.shape(0) == cameras_.size(),
+            "one pose for each camera");
+    for (size_t k = 0; k < which.shape(0); k++) {
+      const Camera& camera = checked(which, k);
+      require(
+          camera.world < worlds && camera.caster->geoms == geoms && camera.caster->lights == lights,
+          "poses for another number of geoms or lights");
+    }
+    return {geom_pos.data(),   geom_mat.data(),  geoms, light_pos.data(), light_dir.data(), lights,
+            camera_pos.data(), camera_mat.data()};
   }
 
   template <class Kind>
