@@ -198,19 +198,10 @@ class ClosedLoop:
     ) -> Iterator[Observation]:
         """As `reset`, which the block may still refuse: if it raises, nothing has changed.
 
-        Args:
-            seed: As of `reset`.
-            keyframe: As of `reset`.
-            state: As of `reset`.
-            start: As of `reset`.
-            sensor: As of `reset`.
-            scene: As of `reset`.
+        Arguments and errors are those of `reset`.
 
         Yields:
             What `reset` returns.
-
-        Raises:
-            EvsError: As of `reset`.
         """
         world = self.world
         reset = world.check_reset(seed, keyframe, sensor, scene)

@@ -579,14 +579,7 @@ class World:
     ) -> CheckedReset:
         """Check a reset, for `reset_worlds`.
 
-        Args:
-            seed: As of `reset`.
-            keyframe: As of `reset`.
-            sensor: As of `reset`.
-            scene: As of `reset`.
-
-        Raises:
-            EvsError: As of `reset`, but that values may still make no model.
+        Arguments and errors are those of `reset`; values may still make no model.
         """
         start = self._control.keyframe
         if keyframe != "":

@@ -387,18 +387,8 @@ class Worlds:
     ) -> Iterator[None]:
         """As `reset`, which the block may still refuse: if it raises, nothing has changed.
 
-        In the block, the physics is where the episodes begin, and `ended` is known.
-
-        Args:
-            seed: As of `reset`.
-            worlds: As of `reset`.
-            keyframe: As of `reset`.
-            sensor: As of `reset`.
-            scene: As of `reset`.
-            start: As of `reset`.
-
-        Raises:
-            EvsError: As of `reset`.
+        Arguments and errors are those of `reset`. In the block, the physics is where the episodes
+        begin, and `ended` is known.
         """
         chosen = self._chosen(worlds)
         seeds: list[int | None]
