@@ -18,7 +18,8 @@ from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneCo
 from evs.emulator.config.plain_values import plain_integer, plain_number
 from evs.emulator.config.schema import DelayConfig
 from evs.emulator.simulation.channels import Channels, check_delays
-from evs.emulator.simulation.world import World, put_saved, reset_worlds
+from evs.emulator.simulation.resets import put_saved, reset_worlds
+from evs.emulator.simulation.world import World
 from evs.emulator.state import (
     Saved,
     joined,

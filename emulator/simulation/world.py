@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from weakref import ref
 
 import numpy as np
@@ -29,6 +29,7 @@ from evs.emulator.config import (
     SensorConfig,
 )
 from evs.emulator.config.plain_values import plain_config, plain_integer
+from evs.emulator.simulation.resets import CheckedReset, reset_worlds, restore_worlds
 from evs.emulator.simulation.snapshot_history import SnapshotHistory
 from evs.emulator.state import (
     Saved,
@@ -36,7 +37,6 @@ from evs.emulator.state import (
     joined,
     pack,
     part,
-    unpack_here,
     whole,
     words,
 )
@@ -60,17 +60,6 @@ from evs.emulator.world import (
 )
 from evs.emulator.world.controls import ControlSource
 from evs.msgs import EventPacket, EvsError
-
-
-class CheckedReset(NamedTuple):
-    """A reset of a world that can be done."""
-
-    keyframe: int
-    """id of the keyframe to start from; -1: qpos0"""
-    values: dict[str, float] | None
-    """of the scene; None: those that hold"""
-    put: Callable[[], None]
-    """forgets all that the world has seen, with another seed and sensor if so wanted"""
 
 
 class World:
@@ -737,78 +726,3 @@ class World:
     def cameras(self) -> tuple[Camera, ...]:
         """All cameras, in the order of the packets."""
         return tuple(self._cameras)
-
-
-@contextmanager
-def reset_worlds(
-    worlds: Sequence[World],
-    resets: Sequence[CheckedReset],
-    starts: Sequence[Callable[[MjData], None] | None] | None = None,
-) -> Iterator[None]:
-    """Reset worlds, all or none of them: if the block raises, nothing has changed.
-
-    In the block, each has its values, and its physics is where the episode begins. Cameras are
-    reset at the end.
-
-    Args:
-        worlds: The worlds.
-        resets: What World.check_reset gave for each.
-        starts: For each, what puts its data into another state; None: nothing.
-
-    Raises:
-        EvsError: Values make no model, or a start raises it.
-    """
-    starts = [None] * len(worlds) if starts is None else starts
-    with ExitStack() as undo:
-        for world in worlds:
-            undo.enter_context(world.physics.unchanged_on_error())
-        for world, reset in zip(worlds, resets, strict=True):
-            undo.enter_context(world.with_values(reset.values))
-        for world, reset, start in zip(worlds, resets, starts, strict=True):
-            world.start_physics(reset.keyframe)
-            if start is not None:
-                start(world.data)
-        yield
-    for reset in resets:
-        reset.put()
-
-
-def restore_worlds(worlds: Sequence[World], blobs: Sequence[bytes]) -> None:
-    """Restore worlds, all or none of them.
-
-    Args:
-        worlds: The worlds.
-        blobs: What World.save gave, for each.
-
-    Raises:
-        EvsError: As of World.restore; nothing has changed.
-    """
-    with ExitStack() as undo:
-        for world, blob in zip(worlds, blobs, strict=True):
-            undo.enter_context(world.values_of(blob))
-        put_saved(
-            worlds,
-            [
-                unpack_here(blob, {"kind": "world", **world.identity}, world.arrays())
-                for world, blob in zip(worlds, blobs, strict=True)
-            ],
-        )
-
-
-def put_saved(worlds: Sequence[World], saved: Sequence[Saved]) -> None:
-    """Put saved states in place, which are checked all before the first is.
-
-    Args:
-        worlds: The worlds, within `values_of` of their states.
-        saved: As of World.restoring, for each.
-
-    Raises:
-        EvsError: One is damaged; nothing has changed.
-    """
-    puts = [world.restoring(one) for world, one in zip(worlds, saved, strict=True)]
-    seen = [world.see_closely() for world in worlds]
-    if any(seen):
-        # the cameras have other renderers
-        puts = [world.restoring(one) for world, one in zip(worlds, saved, strict=True)]
-    for put in puts:
-        put()

@@ -19,7 +19,8 @@ from evs.emulator.base.scene import F64
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.config.plain_values import plain_integer
 from evs.emulator.render.registry import RENDERERS
-from evs.emulator.simulation.world import World, reset_worlds, restore_worlds
+from evs.emulator.simulation.resets import reset_worlds, restore_worlds
+from evs.emulator.simulation.world import World
 from evs.emulator.simulation.world_batch import WorldBatch, stacked, why_one_by_one
 from evs.emulator.world import (
     ControlFunction,

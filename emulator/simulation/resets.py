@@ -1,0 +1,130 @@
+"""Resets and restores of worlds, all or none of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from typing import Any, NamedTuple, Protocol
+
+from evs.emulator.state import Saved, unpack_here
+from evs.emulator.world import MjData, Physics
+
+
+class CheckedReset(NamedTuple):
+    """A reset of a world that can be done."""
+
+    keyframe: int
+    """id of the keyframe to start from; -1: qpos0"""
+    values: dict[str, float] | None
+    """of the scene; None: those that hold"""
+    put: Callable[[], None]
+    """forgets all that the world has seen, with another seed and sensor if so wanted"""
+
+
+class ResettableWorld(Protocol):
+    """What resets and restores need of a World."""
+
+    @property
+    def physics(self) -> Physics:
+        """As of World."""
+
+    @property
+    def data(self) -> MjData:
+        """As of World."""
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """As of World."""
+
+    def start_physics(self, keyframe: int) -> None:
+        """As of World."""
+
+    def values_of(self, blob: bytes) -> AbstractContextManager[None]:
+        """As of World."""
+
+    def with_values(self, values: Mapping[str, float] | None) -> AbstractContextManager[None]:
+        """As of World."""
+
+    def arrays(self) -> Saved:
+        """As of World."""
+
+    def restoring(self, saved: Saved) -> Callable[[], None]:
+        """As of World."""
+
+    def see_closely(self) -> bool:
+        """As of World."""
+
+
+@contextmanager
+def reset_worlds(
+    worlds: Sequence[ResettableWorld],
+    resets: Sequence[CheckedReset],
+    starts: Sequence[Callable[[MjData], None] | None] | None = None,
+) -> Iterator[None]:
+    """Reset worlds, all or none of them: if the block raises, nothing has changed.
+
+    In the block, each has its values, and its physics is where the episode begins. Cameras are
+    reset at the end.
+
+    Args:
+        worlds: The worlds.
+        resets: What World.check_reset gave for each.
+        starts: For each, what puts its data into another state; None: nothing.
+
+    Raises:
+        EvsError: Values make no model, or a start raises it.
+    """
+    starts = [None] * len(worlds) if starts is None else starts
+    with ExitStack() as undo:
+        for world in worlds:
+            undo.enter_context(world.physics.unchanged_on_error())
+        for world, reset in zip(worlds, resets, strict=True):
+            undo.enter_context(world.with_values(reset.values))
+        for world, reset, start in zip(worlds, resets, starts, strict=True):
+            world.start_physics(reset.keyframe)
+            if start is not None:
+                start(world.data)
+        yield
+    for reset in resets:
+        reset.put()
+
+
+def restore_worlds(worlds: Sequence[ResettableWorld], blobs: Sequence[bytes]) -> None:
+    """Restore worlds, all or none of them.
+
+    Args:
+        worlds: The worlds.
+        blobs: What World.save gave, for each.
+
+    Raises:
+        EvsError: As of World.restore; nothing has changed.
+    """
+    with ExitStack() as undo:
+        for world, blob in zip(worlds, blobs, strict=True):
+            undo.enter_context(world.values_of(blob))
+        put_saved(
+            worlds,
+            [
+                unpack_here(blob, {"kind": "world", **world.identity}, world.arrays())
+                for world, blob in zip(worlds, blobs, strict=True)
+            ],
+        )
+
+
+def put_saved(worlds: Sequence[ResettableWorld], saved: Sequence[Saved]) -> None:
+    """Put saved states in place, which are checked all before the first is.
+
+    Args:
+        worlds: The worlds, within `values_of` of their states.
+        saved: As of World.restoring, for each.
+
+    Raises:
+        EvsError: One is damaged; nothing has changed.
+    """
+    puts = [world.restoring(one) for world, one in zip(worlds, saved, strict=True)]
+    seen = [world.see_closely() for world in worlds]
+    if any(seen):
+        # the cameras have other renderers
+        puts = [world.restoring(one) for world, one in zip(worlds, saved, strict=True)]
+    for put in puts:
+        put()
