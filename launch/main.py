@@ -105,6 +105,7 @@ MORE_MEMORY = (
     "or container (ulimit -v)"
 )
 INSTALL = "install evs again, or raise the memory limit if there is one (ulimit -v)"
+OTHER_PATH = "give another path, or the rights to it"
 LEAST_BYTES = 220_000_000
 """of address space: what a small scene takes. With less, some library, or the C library itself,
 aborts the process while it is loaded, each with another message."""
@@ -157,7 +158,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _discard_output()
         return 141
     except OSError as reason:
-        if reason.errno != errno.ENOSPC or reason.filename is not None:
+        if reason.filename is not None:
+            # a path of the user's that is out of reach: no right to its folder, a name too long
+            message = f"cannot reach '{reason.filename}': {reason.strerror}; {OTHER_PATH}"
+            print("evs:", " ".join(message.split()), file=sys.stderr)
+            return 2
+        if reason.errno != errno.ENOSPC:
             raise
         # `evs ... > FILE` where there is no room
         _discard_output()

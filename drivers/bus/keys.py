@@ -21,6 +21,7 @@ from zmq.utils import z85
 
 from evs.drivers.bus.sockets import Context, Socket, readable
 from evs.drivers.settings import read_toml
+from evs.emulator.base.small_files import is_file
 from evs.msgs import EvsError
 
 PUBLIC, SECRET = ".key", ".secret.key"
@@ -86,7 +87,7 @@ def read_public(source: str, what: str = "key") -> str:
     Raises:
         EvsError: There is no such file, or it holds no public key.
     """
-    if not Path(source).is_file() and _Z85.fullmatch(source):
+    if not is_file(Path(source)) and _Z85.fullmatch(source):
         return source
     if source.endswith(SECRET):
         raise EvsError(f"{what} '{source}' is a secret key: give the file that ends in {PUBLIC}")
@@ -133,7 +134,7 @@ def present(client: Socket, server_public: str, keys: Keys) -> None:
 
 
 def _field(path: Path, key: str, what: str) -> str:
-    if not path.is_file():
+    if not is_file(path):
         raise EvsError(f"{what}: no key file '{path}'; evs keygen NAME makes keys")
     value = read_toml(path).get(key)
     if not isinstance(value, str) or not _Z85.fullmatch(value):

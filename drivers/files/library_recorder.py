@@ -149,9 +149,9 @@ class LibraryRecorder(Sink):
             EvsError: The stream does not fit into the format, or the file cannot be written.
         """
         self.stream = one_stream(self._path, streams, self._limits, self._format_name)
-        if self._path.is_dir():
-            raise target_error(self._path, IsADirectoryError())
         try:
+            if self._path.is_dir():
+                raise IsADirectoryError
             self._reserved = ReservedSpace(
                 self._temporary.with_name(f"{self._temporary.name}.room")
             )

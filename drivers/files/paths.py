@@ -8,6 +8,7 @@ from itertools import count
 from pathlib import Path
 
 from evs.drivers.files.formats import SUFFIXES
+from evs.emulator.base.small_files import is_file
 from evs.msgs import EvsError, nearest_first
 
 
@@ -79,7 +80,7 @@ def check_new(paths: Iterable[str | Path], fix: str = "use --force to replace it
         EvsError: One of the files exists.
     """
     for path in map(Path, paths):
-        if path.is_file():
+        if is_file(path):
             raise EvsError(f"'{path}' already exists: {fix}, or give another name")
 
 

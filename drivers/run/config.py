@@ -21,6 +21,7 @@ from evs.drivers.run import driver_parameters
 from evs.drivers.run.driver_parameters import DriverParameters
 from evs.drivers.run.paths import beside, in_package, with_paths
 from evs.drivers.sink import SINK_TYPES, Sink
+from evs.emulator.base.small_files import is_file
 from evs.emulator.config import RunConfig
 from evs.emulator.config.schema import LoopConfig
 from evs.emulator.render.registry import SEEDS
@@ -459,7 +460,7 @@ def find_pipeline(word: str) -> Path:
     if is_scene(word):
         raise EvsError(f"'{word}' is a scene, not a pipeline; give it as --scene {word}")
     known = pipelines()
-    if path.is_file():
+    if is_file(path):
         return path
     if word in known:
         return known[word]

@@ -6,8 +6,27 @@ import errno
 import stat
 from pathlib import Path
 
+from evs.msgs import EvsError
+
 MOST_BYTES = 1 << 24
 """Of settings and keys; what has more is none."""
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is a regular file at a path.
+
+    Raises:
+        EvsError: The system does not say: no right to its folder, or a name that is too long.
+    """
+    try:
+        return stat.S_ISREG(path.stat().st_mode)
+    except (FileNotFoundError, NotADirectoryError, ValueError):
+        # ValueError: a null character in the name
+        return False
+    except OSError as reason:
+        raise EvsError(
+            f"cannot reach '{path}': {reason.strerror}; give another path, or the rights to it"
+        ) from None
 
 
 def read_small(path: Path, most: int = MOST_BYTES) -> bytes:

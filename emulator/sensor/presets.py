@@ -16,7 +16,7 @@ from dataclasses import MISSING, Field, asdict, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from evs.emulator.base.small_files import read_small_text
+from evs.emulator.base.small_files import is_file, read_small_text
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.declaration import REPLACED_KEYS, declaration
 from evs.emulator.sensor.bias_laws import Nominal, effective, nominal_biases, with_biases
@@ -100,7 +100,7 @@ def preset_path(preset: str) -> Path:
     """The file of a preset, by name or path. Raises EvsError where there is none."""
     if preset.endswith(".toml") or "/" in preset:
         path = Path(preset).expanduser()
-        if not path.is_file():
+        if not is_file(path):
             presets = ", ".join(preset_names())
             raise EvsError(f"no sensor file {path}; give a .toml file or one of: {presets}")
         return path

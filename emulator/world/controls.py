@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.scene import F64
-from evs.emulator.base.small_files import read_small_text
+from evs.emulator.base.small_files import is_file, read_small_text
 from evs.emulator.config import SceneConfig
 from evs.emulator.world.model import find, name_of, names_of
 from evs.msgs import EvsError, unknown
@@ -145,7 +145,7 @@ def check_control(values: npt.ArrayLike, nu: int, origin: str) -> F64:
 def read_controls(file: str, nu: int) -> F64:
     """(n, nu) controls from a .npy, a .npz (array `ctrl`, or its only one) or a .csv file."""
     path = Path(file)
-    if not file or not path.is_file():
+    if not file or not is_file(path):
         raise EvsError(f"no control file '{file}': scene.control_file names a .npy, .npz or .csv")
     try:
         rows = _read_array(path)

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from evs.emulator import _core
 from evs.emulator.base.scene import U8
+from evs.emulator.base.small_files import is_file
 from evs.emulator.world.compat import ACTUATOR_COUNT
 from evs.msgs import EvsError, nearest_first, unknown
 
@@ -115,7 +116,7 @@ def load_text(text: str, files: Mapping[str, bytes]) -> mujoco.MjModel:
 
 def _existing(path: Path) -> Path:
     """`path` if it is a file that MuJoCo may read, else an error that lists its neighbours."""
-    if path.is_file():
+    if is_file(path):
         if path.suffix.lower() in SUFFIXES:
             return path
         raise EvsError(f"scene '{path}' is no {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]} file")

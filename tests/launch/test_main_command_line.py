@@ -189,3 +189,31 @@ def test_output_that_finds_no_room_is_one_line(words: str) -> None:
     ended = subprocess.run(["bash", "-c", line], capture_output=True, text=True, timeout=60)
     assert ended.stderr == "evs: cannot write its output: No space left on device; make room\n"
     assert ended.returncode == 2
+
+
+LONG = "d" * 300
+"""no file system has a name so long: stat fails as it does in a folder of somebody else's"""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        f"plan {LONG}.xml",
+        f"emulate {LONG}.toml",
+        f"emulate humanoid sensor.preset=/{LONG}.toml",
+        f"emulate humanoid --record {LONG}.aedat4",
+        f"emulate humanoid report={LONG}.json",
+        f"emulate humanoid scene.control=file scene.control_file={LONG}.npy",
+        f"convert {LONG}.aedat4 a.raw",
+        f"launch {LONG}.toml",
+        f"sensors {LONG}.toml",
+        f"record tcp://127.0.0.1:9 {LONG}.aedat4",
+        f"dataset {LONG}",
+    ],
+)
+def test_a_path_out_of_reach_is_one_line(words: str, capsys: Capture) -> None:
+    assert main.main(words.split()) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("evs: ")
+    assert LONG in line
+    assert "File name too long" in line

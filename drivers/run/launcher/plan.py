@@ -16,6 +16,7 @@ from typing import Any
 
 from evs.drivers import settings
 from evs.drivers.bus.address import free_address
+from evs.emulator.base.small_files import is_file
 from evs.msgs import EvsError, nearest_first, unknown
 
 LAUNCH_FILES = Path(__file__).parents[3] / "config" / "launch"
@@ -98,7 +99,7 @@ def find_launch_file(word: str) -> Path:
     """Find a launch file: a path, or the name of one that comes with evs."""
     path = Path(word)
     known = {file.stem: file for file in sorted(LAUNCH_FILES.glob("*.toml"))}
-    if path.is_file():
+    if is_file(path):
         return path
     if word in known:
         return known[word]

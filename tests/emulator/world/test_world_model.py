@@ -153,3 +153,9 @@ def test_a_state_that_memory_does_not_hold_is_one_line() -> None:
         pytest.raises(EvsError, match=r"state does not fit: .*allocate memory; give the"),
     ):
         new_data(model)
+
+
+@pytest.mark.parametrize("ending", [".xml", ".mjb", ".urdf"])
+def test_a_path_out_of_reach_is_one_line(tmp_path, ending):
+    with pytest.raises(EvsError, match=r"^cannot reach '.*': File name too long; give another"):
+        load_model(tmp_path / ("d" * 300 + ending))
