@@ -97,8 +97,10 @@ class Deformables:
         for i in self._flexes:
             used = 3 * int(scene.flexfaceused[i])
             places = self._of_flex(scene.flexface, i, 3), self._of_flex(scene.flexnormal, i, 3)
-            # faces that are not in use today collapse to a point, which no ray hits
-            places[0][used:] = 0.0
+            # faces that are not in use today collapse to a point, which no ray hits; MuJoCo leaves
+            # there what was in memory
+            for part in places:
+                part[used:] = 0.0
             shapes.append(Deformed(*places))
         return tuple(shapes)
 

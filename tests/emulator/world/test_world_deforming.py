@@ -82,6 +82,18 @@ def test_cloth_and_block_are_seen_and_a_rope_as_capsules(cloth) -> None:
         assert abs(distance[index == row].min() - nearest) < 0.04
 
 
+def test_faces_out_of_use_hold_nothing(cloth) -> None:
+    data = mujoco.MjData(cloth)
+    mujoco.mj_forward(cloth, data)
+    block = SnapshotTaker(cloth).snapshot(data, 0).deformed[1]
+    # 3 x 3 x 3 corners: the 48 faces of the shell are in use, those inside are not
+    assert len(block.vertices) > 3 * 48
+    assert not block.vertices[3 * 48 :].any()
+    assert not block.normals[3 * 48 :].any()
+    assert np.isfinite(block.normals).all()
+    assert (np.linalg.norm(block.normals[: 3 * 48], axis=1) > 0.99).all()
+
+
 def test_what_deforms_is_traced_again_and_all_machines_agree(cloth) -> None:
     data = mujoco.MjData(cloth)
     bound = bind_camera(cloth, "", 80, 60, VIEW)
