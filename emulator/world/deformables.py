@@ -34,6 +34,13 @@ class Deformables:
             # the visualiser's own arrays; room for one geom that is never added
             self._scene = mujoco.MjvScene(model, 1)
             self._option, self._view = mujoco.MjvOption(), mujoco.MjvCamera()
+            # a view of our own, which no vertex depends on: with the model's, MuJoCo ends the
+            # process where the near clip plane is under 1e-15 m
+            self._view.type = mujoco.mjtCamera.mjCAMERA_USER
+            for eye in self._scene.camera:
+                eye.forward, eye.up = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+                eye.frustum_near, eye.frustum_far = 0.1, 10.0
+                eye.frustum_bottom, eye.frustum_top, eye.frustum_width = -0.1, 0.1, 0.1
 
     def __len__(self) -> int:
         return len(self._skins) + len(self._flexes)

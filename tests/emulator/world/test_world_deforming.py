@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import mujoco
 import numpy as np
 import pytest
@@ -92,6 +95,22 @@ def test_faces_out_of_use_hold_nothing(cloth) -> None:
     assert not block.normals[3 * 48 :].any()
     assert np.isfinite(block.normals).all()
     assert (np.linalg.norm(block.normals[: 3 * 48], axis=1) > 0.99).all()
+
+
+NEAR = """
+import mujoco
+from evs.emulator.world import SnapshotTaker, load_model
+near, none = (load_model(mujoco.MjModel.from_xml_string({text!r} % z)) for z in ("1e-16", "0.01"))
+shapes = [SnapshotTaker(one).snapshot(mujoco.MjData(one), 0).deformed for one in (near, none)]
+print([a.vertices.tobytes() == b.vertices.tobytes() for a, b in zip(*shapes, strict=True)])
+"""
+
+
+def test_a_near_clip_plane_of_nothing_does_not_end_the_process() -> None:
+    text = CLOTH.replace("<mujoco>", '<mujoco><visual><map znear="%s"/></visual>')
+    program = NEAR.format(text=text)
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (ended.stdout, ended.stderr, ended.returncode) == ("[True, True]\n", "", 0)
 
 
 def test_what_deforms_is_traced_again_and_all_machines_agree(cloth) -> None:
