@@ -15,11 +15,11 @@ test:
 	@sh .ci/setup.sh
 	@sh .ci/tests.sh "not slow and not statistical and not extremes and not integration and not bench"
 
-# make check     format, lint, types, sanitisers, versions, a wheel, then all tests that take less than minutes: CI
+# make check     format, lint, types, sanitisers, versions, a wheel, then all tests but timings and campaigns: CI
 check:
 	@sh .ci/check.sh
 
-# make campaign  what takes minutes a test: many thousands of damaged files, a million resets, ...
+# make campaign  what is too long for make check: 120,000 damaged files, a million resets, all sanitisers, ...
 campaign:
 	@sh .ci/setup.sh
 	@sh .ci/tests.sh campaign
