@@ -12,6 +12,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import zmq
+
+from evs.drivers.bus.sockets import notice_death
 
 pytestmark = pytest.mark.extremes
 
@@ -54,3 +57,13 @@ def test_no_socket_has_a_heartbeat() -> None:
                 names = [getattr(node, key, None) for key in ("id", "attr", "name", "value")]
                 found = [one for one in names if isinstance(one, str) and "HEARTBEAT" in one]
                 assert not found, f"{file}:{getattr(node, 'lineno', 0)}"
+
+
+def test_a_connection_that_is_cut_is_given_up_after_half_a_minute() -> None:
+    # tests/network_link waits for it, but for less long
+    with zmq.Context() as context, context.socket(zmq.SUB) as socket:
+        notice_death(socket)
+        assert socket.get(zmq.TCP_KEEPALIVE) == 1
+        pause_s, probes = socket.get(zmq.TCP_KEEPALIVE_INTVL), socket.get(zmq.TCP_KEEPALIVE_CNT)
+        assert socket.get(zmq.TCP_KEEPALIVE_IDLE) + probes * pause_s == 30
+        assert socket.get(zmq.TCP_MAXRT) == 30_000

@@ -25,7 +25,7 @@ class Camera:
             events: How many events each packet holds.
             **options: Arguments of the sink, among them its address.
         """
-        command = [sys.executable, "-W", "error", str(PROGRAM), kind, str(events)]
+        command = [*side.python, str(PROGRAM), kind, str(events)]
         self.program = side.run([*command, json.dumps(options)], stdin=-1, stdout=-1, text=True)
         self.where: dict[str, Any] = self._said()
 

@@ -18,6 +18,7 @@ from types import TracebackType
 from typing import Any
 
 _ROUGH = Path(__file__).with_name("rough_program.py")
+_IMPATIENT = Path(__file__).with_name("impatient_program.py")
 _HOLD = "echo ready; exec cat"
 _CARD = "evs0"
 """the network card at each end"""
@@ -44,6 +45,8 @@ class Side:
         self.address = f"10.77.0.{number}"
         self.address6 = f"fd77::{number}"
         self.has_ipv6 = True
+        self.python = [sys.executable, "-W", "error"]
+        """how a Python program starts here"""
         self.programs: list[subprocess.Popen[Any]] = []
         pipe = subprocess.PIPE
         try:
@@ -167,6 +170,15 @@ class Link:
         """Undo `unplug`: switch both cards on."""
         for side in self.sides:
             side.bring_up()
+
+    def give_up_after(self, patience_s: int) -> None:
+        """Let programs that start later give up a cut connection sooner than evs does by itself.
+
+        Args:
+            patience_s: How long the other end may be silent, s; a multiple of 6.
+        """
+        for side in self.sides:
+            side.python += [str(_IMPATIENT), str(patience_s)]
 
     def add_rough_line(self, delay_ms: float, jitter_ms: float, loss: float) -> tuple[str, str]:
         """Add a second, bad line between the ends.
