@@ -6,6 +6,7 @@ Each scene is a function of reference/path_stages.py.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,6 @@ from reference.mitsuba_scene import mitsuba_scene, render
 from reference.our_light import path_batches
 from reference.path_stages import PATH_STAGES, mitsuba_integrator
 from reference.pixelwise import assert_same_picture
-from reference.stage import Stage
 
 pytestmark = [pytest.mark.slow, pytest.mark.statistical]
 BATCHES = 16
@@ -29,10 +29,10 @@ SPP = {
 """Samples a batch, ours and Mitsuba's, where 64 are too few."""
 
 
-def theirs_of(name: str, stage: Stage) -> np.ndarray:
-    return render(
-        mitsuba_scene(stage, mitsuba_integrator(name)), BATCHES, SPP.get(name, (64, 64))[1]
-    )
+@cache
+def theirs_of(name: str) -> np.ndarray:
+    scene = mitsuba_scene(PATH_STAGES[name](), mitsuba_integrator(name))
+    return render(scene, BATCHES, SPP.get(name, (64, 64))[1])
 
 
 @pytest.mark.parametrize("name", PATH_STAGES)
@@ -40,7 +40,7 @@ def test_path_is_mitsubas_light(name: str, pytestconfig: pytest.Config) -> None:
     stage = PATH_STAGES[name]()
     ours = path_batches(stage, BATCHES, SPP.get(name, (64, 64))[0])
     folder = pytestconfig.rootpath / "out" / "tests"
-    assert_same_picture(f"path_{name}", ours, theirs_of(name, stage), folder)
+    assert_same_picture(f"path_{name}", ours, theirs_of(name), folder)
 
 
 @pytest.mark.parametrize("sampler", ["sobol", "global", "random", "anchored"])
@@ -49,12 +49,12 @@ def test_no_sampler_changes_the_light(sampler: str, pytestconfig: pytest.Config)
     drawn = replace(stage, render=replace(stage.render, sampler=sampler))
     folder = pytestconfig.rootpath / "out" / "tests"
     ours = path_batches(drawn, BATCHES, 256)
-    assert_same_picture(f"path_{sampler}", ours, theirs_of("panel", stage), folder)
+    assert_same_picture(f"path_{sampler}", ours, theirs_of("panel"), folder)
 
 
 def test_a_bounce_too_few_is_refused(tmp_path: Path) -> None:
     stage = PATH_STAGES["room"]()
-    theirs = theirs_of("room", stage)
+    theirs = theirs_of("room")
     ours = path_batches(replace(stage, bounces=stage.bounces - 1), BATCHES, 128)
     with pytest.raises(AssertionError, match="means differ by -"):
         assert_same_picture("bounce", ours, theirs, tmp_path)
@@ -68,6 +68,4 @@ def test_two_percent_more_albedo_is_refused_by_path(tmp_path: Path) -> None:
     )
     wrong = replace(stage, scene=replace(stage.scene, surfaces=brighter))
     with pytest.raises(AssertionError, match=r"means differ by \+"):
-        assert_same_picture(
-            "albedo", path_batches(wrong, BATCHES, 64), theirs_of("bulb", stage), tmp_path
-        )
+        assert_same_picture("albedo", path_batches(wrong, BATCHES, 64), theirs_of("bulb"), tmp_path)
