@@ -33,11 +33,14 @@ def test_it_stands_though_it_is_pushed(tmp_path: Path) -> None:
     assert len({trace.value("angle")[0] for trace in run.traces}) == 2
 
 
+# the first two pushes, and all five of the program
 @pytest.mark.slow
-def test_it_stands_from_other_starts() -> None:
+@pytest.mark.parametrize("seconds", [4.0, pytest.param(10.0, marks=pytest.mark.campaign)])
+def test_it_stands_from_other_starts(seconds: float) -> None:
     # from 20 starts: evs loop cartpole --seeds 20
     loop = CartPoleLoop()
-    outcomes = [play(loop, CartPoleTrial(seed, push_ns=3.0, seconds=10.0)) for seed in range(3)]
+    trials = [CartPoleTrial(seed, push_ns=3.0, seconds=seconds) for seed in range(3)]
+    outcomes = [play(loop, trial) for trial in trials]
     assert [outcome.ended for outcome in outcomes] == [""] * 3
 
 
