@@ -109,7 +109,7 @@ def test_recorded_controls_give_the_recorded_events_here_and_elsewhere():
     assert run(loop, 2.0, lambda _: next(altered))[0] != digest
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_thirty_seconds_of_a_closed_loop_are_the_same_in_another_process():
     digest, controls, events = run(make(), 30.0, Follower())
     assert len(controls) == 30_000
