@@ -46,6 +46,14 @@ def record(path: Path, count: int) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def sources(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Path, int]]:
+    """0.5 and 5 million events, which are 8 and 80 MB in memory."""
+    folder = tmp_path_factory.mktemp("sources")
+    lengths = {"short": 500_000, "long": 5_000_000}
+    return [(record(folder / f"{name}.aedat4", count), count) for name, count in lengths.items()]
+
+
 def peak_kib(source: Path, target: Path) -> int:
     words = [sys.executable, "-c", CONVERT, str(source), str(target)]
     done = subprocess.run(words, capture_output=True, text=True, timeout=600, check=False)
@@ -55,15 +63,16 @@ def peak_kib(source: Path, target: Path) -> int:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", TARGETS)
-def test_memory_does_not_grow_with_the_recording(tmp_path: Path, suffix: str) -> None:
-    # both ways; 0.5 and 5 million events are 8 and 80 MB in memory
+def test_memory_does_not_grow_with_the_recording(
+    tmp_path: Path, suffix: str, sources: list[tuple[Path, int]]
+) -> None:
+    # both ways
     peaks = []
-    for name, count in (("short", 500_000), ("long", 5_000_000)):
-        source = record(tmp_path / f"{name}.aedat4", count)
-        made = tmp_path / f"{name}.{suffix}"
+    for source, count in sources:
+        made, back = tmp_path / f"{source.stem}.{suffix}", tmp_path / source.name
         there = peak_kib(source, made)
-        peaks.append((there, peak_kib(made, tmp_path / f"{name}2.aedat4")))
-        assert files.summary(tmp_path / f"{name}2.aedat4").events == count
+        peaks.append((there, peak_kib(made, back)))
+        assert files.summary(back).events == count
     (short, short_back), (long, long_back) = peaks
     assert long - short < 40_000
     assert long_back - short_back < 40_000
