@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -35,6 +37,11 @@ CHANGES: dict[str, dict[str, Any]] = {
 }
 
 
+TICKS, CHANGED, BACK = 30, 17, 24
+"""length of a film, and when parameters change and change back"""
+
+
+@cache
 def film(kind: str, ticks: int) -> list[F32]:
     """Still, moving until half of it, or wild."""
     x, y = np.arange(10), np.arange(8)[:, None]
@@ -46,6 +53,36 @@ def film(kind: str, ticks: int) -> list[F32]:
     return [(0.3 + 0.2 * np.sin(x + 0.3 * y + 0.2 * k)).astype(np.float32) for k in moved]
 
 
+def models_of(sensor: SensorParameters, average: RunningMeanConstants | None) -> list[Any]:
+    """The oracle, then a native model for every instruction set."""
+    natives = [
+        PlainModel(sensor, 2, isa, average=average, causes=True) for isa in _core.isa_available()
+    ]
+    return [ReferenceModel(sensor, average=average, causes=True), *natives]
+
+
+def go_on(models: list[Any], states: list[Any], kind: str, ticks: range) -> None:
+    """Step all models, and check each against the first; `states` becomes those after the ticks."""
+    for k in ticks:
+        frame, span = film(kind, TICKS)[k], (1000 * k, 1000 * (k + 1))
+        events, states[0] = models[0].step(frame, states[0], *span)
+        for i, model in enumerate(models[1:], start=1):
+            ours, states[i] = model.step(frame, states[i], *span)
+            assert ours.tobytes() == events.tobytes(), f"{kind}, tick {k}"
+            assert caught_up(model.sensor, states[i]) == states[0]
+
+
+@cache
+def before_change(
+    sensor: SensorParameters, average: RunningMeanConstants | None, kind: str
+) -> tuple[list[Any], list[Any]]:
+    """All models, and their states at tick CHANGED: the same for every change that follows."""
+    models = models_of(sensor, average)
+    states = [model.init(5) for model in models]
+    go_on(models, states, kind, range(CHANGED))
+    return models, states
+
+
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
 @pytest.mark.parametrize("sensor", [NOISY, SILICON], ids=["linear", "silicon"])
 @pytest.mark.parametrize("average", [None, RunningMeanConstants()], ids=["plain", "adaptive"])
@@ -55,29 +92,17 @@ def test_native_is_the_oracle_over_a_change(
     """There and back, at a time when blocks are skipped; on every instruction set."""
     other = replace(sensor, **change)
     for kind in ("still", "stops", "wild"):
-        oracle = ReferenceModel(sensor, average=average, causes=True)
-        models = [
-            PlainModel(sensor, 2, isa, average=average, causes=True)
-            for isa in _core.isa_available()
-        ]
-        now, expected = sensor, oracle.init(5)
-        states = [model.init(5) for model in models]
-        for k, frame in enumerate(film(kind, 30)):
-            if k in (17, 24):
-                now = other if k == 17 else sensor
-                after = ReferenceModel(now, average=average, causes=True)
-                expected, oracle = after.take_over(expected, oracle), after
-                for i, before in enumerate(models):
-                    models[i] = PlainModel(
-                        now, 2, _core.isa_available()[i], average=average, causes=True
-                    )
-                    states[i] = models[i].take_over(states[i], before)
-            span = (1000 * k, 1000 * (k + 1))
-            events, expected = oracle.step(frame, expected, *span)
-            for i, model in enumerate(models):
-                ours, states[i] = model.step(frame, states[i], *span)
-                assert ours.tobytes() == events.tobytes(), f"{kind}, tick {k}"
-                assert caught_up(now, states[i]) == expected
+        before, kept = before_change(sensor, average, kind)
+        # a step consumes its state
+        states = deepcopy(kept)
+        for now, ticks in ((other, range(CHANGED, BACK)), (sensor, range(BACK, TICKS))):
+            after = models_of(now, average)
+            states = [
+                new.take_over(state, old)
+                for new, state, old in zip(after, states, before, strict=True)
+            ]
+            go_on(after, states, kind, ticks)
+            before = after
 
 
 def test_a_still_pixel_fires_once_a_threshold_has_passed_it() -> None:
