@@ -353,7 +353,7 @@ struct HybridShading {
       const Geom& g = f.geoms[index];
       lanes = lanes & (~dark | near);
       if (g.shape == BOX) lanes = lanes & ~beyond(at, g, light.position, light.radius);
-      if (g.shape != PLANE) lanes = may_hide(at, index, in, light.radius, lanes);
+      lanes = may_hide(at, index, in, light.radius, lanes);
       if (!any(lanes)) return false;
       hiders.add(index, lanes);
       bool outline = g.shape == SPHERE || g.shape == CAPSULE || g.shape == PLANE;
