@@ -15,7 +15,7 @@ test:
 	@sh .ci/setup.sh
 	@sh .ci/tests.sh "not slow and not statistical and not extremes and not integration and not bench"
 
-# make check     format, lint, types, sanitisers, versions, a wheel, then all tests but timings and campaigns: CI
+# make check     format, lint, types, sanitisers, one lane, versions, a wheel, then all tests but timings and campaigns: CI
 check:
 	@sh .ci/check.sh
 

@@ -1,6 +1,7 @@
 #!/bin/sh
-# Everything that a change has to pass: format, lint, types, sanitisers, versions, a wheel, the site, the
-# learners' page, then every test but timings and campaigns. Ends with what each stage took. Run by `make check`; stops at the first stage that fails.
+# Everything that a change has to pass: format, lint, types, sanitisers, one lane, versions, a wheel,
+# the site, the learners' page, then every test but timings and campaigns. Ends with what each stage
+# took. Run by `make check`; stops at the first stage that fails.
 set -eu
 cd "$(dirname "$0")/.."
 began=$(date +%s)
@@ -44,6 +45,7 @@ stage "set-up" sh .ci/setup.sh dev
 stage "format and lint" format
 stage "types" types
 stage "sanitisers" sh .ci/sanitize.sh
+stage "one lane" sh .ci/one_lane.sh
 stage "versions of MuJoCo and NumPy" sh .ci/versions.sh
 stage "wheel" sh .ci/wheels.sh one
 stage "documentation" sh .ci/docs.sh

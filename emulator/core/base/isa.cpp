@@ -6,6 +6,8 @@ namespace evs {
 
 std::vector<std::string> isa_available() {
   std::vector<std::string> names;
+  // in builds for tests only, which are to take it
+  if (EVS_BUILT_ONE_LANE) names.push_back("one_lane");
 #if EVS_X86
   __builtin_cpu_init();
   if (EVS_BUILT_AVX512 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
@@ -18,7 +20,6 @@ std::vector<std::string> isa_available() {
 #endif
   if (EVS_BUILT_NEON) names.push_back("neon");  // every 64-bit ARM processor has it
   if (EVS_BUILT_PORTABLE) names.push_back("portable");
-  if (EVS_BUILT_ONE_LANE) names.push_back("one_lane");
   if (names.empty()) {
     throw std::runtime_error(
         "this core was built for another processor only, as `make demo` does: run `make test`");

@@ -38,8 +38,8 @@
 
 namespace evs {
 
-// The instruction sets that this machine runs and this build holds, best first: of "avx512",
-// "avx2", "neon", "portable", "one_lane".
+// The instruction sets that this machine runs and this build holds, the one that "auto" takes
+// first: of "one_lane", "avx512", "avx2", "neon", "portable".
 std::vector<std::string> isa_available();
 
 }  // namespace evs
