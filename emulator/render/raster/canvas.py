@@ -179,7 +179,9 @@ class Canvas:
         out[...] = rows[::-1]
 
     def close(self) -> None:
-        """Give everything back."""
+        """Give everything back, if it is this process's."""
+        if self.context.is_inherited:
+            return
         with self.context:
             self.renderer.delete()
             self._program.delete()

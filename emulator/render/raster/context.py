@@ -74,7 +74,7 @@ class Context:
     def __init__(self, library: GlLibrary) -> None:
         from OpenGL import EGL
 
-        self._egl = EGL
+        self._egl, self._process = EGL, os.getpid()
         reason = "no EGL device is there"
         for device in devices_of(library):
             platform = library.egl.EGLPlatform(1, 1, device)
@@ -94,7 +94,18 @@ class Context:
             return
         raise EvsError(NO_GL.format(reason))
 
+    @property
+    def is_inherited(self) -> bool:
+        """Whether this process was forked from the one whose context it is."""
+        return os.getpid() != self._process
+
     def __enter__(self) -> None:
+        if self.is_inherited:
+            # a driver's threads stay behind: the next call would wait for them for ever
+            raise EvsError(
+                "the raster renderer does not work in a forked process: make the world or camera "
+                "there, or start processes with 'spawn'"
+            )
         egl = self._egl
         surfaces = [egl.eglGetCurrentSurface(which) for which in (egl.EGL_DRAW, egl.EGL_READ)]
         self._before = (egl.eglGetCurrentDisplay(), *surfaces, egl.eglGetCurrentContext())

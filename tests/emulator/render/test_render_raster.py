@@ -404,3 +404,36 @@ def test_tendons_ropes_and_sites_are_those_of_the_tracer() -> None:
         assert things == {ObjectKind.GEOM, ObjectKind.TENDON, ObjectKind.ROPE} | (
             {ObjectKind.SITE} if sites else set()
         )
+
+
+@pytest.mark.slow
+def test_a_forked_process_is_told_so() -> None:
+    program = (
+        "import os, signal, mujoco\n"
+        "from evs import EvsError, RenderConfig, Sensor, SensorConfig\n"
+        "model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom size=\".1\"/>'\n"
+        "    '<camera pos=\"0 0 1\"/></worldbody></mujoco>')\n"
+        "data = mujoco.MjData(model)\n"
+        "camera = Sensor(model, '', sensor=SensorConfig('ideal', width=16, height=12),\n"
+        "                render=RenderConfig('raster'))\n"
+        "camera.observe(data)\n"
+        "data.time += 1e-3\n"
+        "if os.fork() == 0:\n"
+        "    signal.alarm(20)\n"
+        "    try:\n"
+        "        camera.observe(data)\n"
+        "    except EvsError as error:\n"
+        "        print(error, flush=True)\n"
+        "    del camera\n"
+        "    os._exit(0)\n"
+        "assert os.wait()[1] == 0\n"
+        "camera.observe(data)\n"
+        "print('and the parent goes on')"
+    )
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", program], capture_output=True, text=True, check=False
+    )
+    told, parent = done.stdout.splitlines()
+    assert "does not work in a forked process" in told
+    assert parent == "and the parent goes on"
+    assert done.stderr == ""
