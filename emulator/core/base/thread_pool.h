@@ -1,8 +1,10 @@
 // A pool of worker threads that sleep between calls. Jobs are numbered and must write disjoint
-// outputs, so that the result does not depend on which worker runs a job, or when.
+// outputs, so that the result does not depend on which worker runs a job, or when. In a process
+// that was forked, which has no threads but one, that one runs all jobs.
 #pragma once
 
 #include <pthread.h>
+#include <unistd.h>
 
 #include <atomic>
 #include <exception>
@@ -52,7 +54,9 @@ class FlushDenormals {
 class Condition {
  public:
   Condition() = default;
-  ~Condition() { pthread_cond_destroy(&condition_); }
+  ~Condition() {
+    if (!is_abandoned_) pthread_cond_destroy(&condition_);
+  }
   Condition(const Condition&) = delete;
   Condition& operator=(const Condition&) = delete;
 
@@ -65,7 +69,11 @@ class Condition {
     while (!holds()) pthread_cond_wait(&condition_, lock.mutex()->native_handle());
   }
 
+  // Leave it as it is for ever: some that wait are not in this process.
+  void abandon() { is_abandoned_ = true; }
+
  private:
+  bool is_abandoned_ = false;
   pthread_cond_t condition_ = PTHREAD_COND_INITIALIZER;
 };
 
@@ -89,7 +97,16 @@ class ThreadPool {
     }
   }
 
-  ~ThreadPool() { close(); }
+  ~ThreadPool() {
+    if (!is_forked()) {
+      close();
+      return;
+    }
+    // joining or freeing what the other process waits for would not return
+    new std::vector<std::thread>(std::move(workers_));
+    wake_.abandon();
+    done_.abandon();
+  }
 
   ThreadPool(const ThreadPool&) = delete;
   ThreadPool& operator=(const ThreadPool&) = delete;
@@ -100,7 +117,7 @@ class ThreadPool {
   // first exception of any job after all workers have stopped.
   template <class F>
   void run(int jobs, F&& job) {
-    if (count_ == 1) {
+    if (count_ == 1 || is_forked()) {
       // no worker to share with: callers in several threads do not wait for each other
       FlushDenormals flush;
       for (int index = 0; index < jobs; index++) job(index, 0);
@@ -144,6 +161,8 @@ class ThreadPool {
 #endif
   }
 
+  bool is_forked() const { return getpid() != process_; }
+
   void work(const std::function<void(int, int)>& task, int jobs, int worker) {
     FlushDenormals flush;
     for (int index = next_.fetch_add(1); index < jobs; index = next_.fetch_add(1)) {
@@ -185,6 +204,7 @@ class ThreadPool {
     }
   }
 
+  const pid_t process_ = getpid();
   int count_ = 1;
   std::vector<std::thread> workers_;
   std::mutex callers_;  // one run() at a time
