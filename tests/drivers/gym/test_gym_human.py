@@ -60,6 +60,8 @@ def test_a_page_shows_the_steps_in_real_time(
     with connect(address.replace("http", "ws").replace("/?", "/ws?")) as page:
         reader = threading.Thread(target=read)
         reader.start()
+        # the page may have been late, and steps catch up
+        env.reset(seed=1)
         began_s = monotonic_s()
         for _ in range(30):
             env.step(np.array([1.0], np.float32))
