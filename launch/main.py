@@ -15,6 +15,7 @@ from typing import NoReturn
 
 from evs import __version__
 from evs.emulator.base.memory_limits import address_space_left
+from evs.emulator.base.small_files import out_of_reach
 from evs.msgs import EvsError, nearest_first, unknown
 
 GROUPS = {
@@ -105,7 +106,6 @@ MORE_MEMORY = (
     "or container (ulimit -v)"
 )
 INSTALL = "install evs again, or raise the memory limit if there is one (ulimit -v)"
-OTHER_PATH = "give another path, or the rights to it"
 LEAST_BYTES = 220_000_000
 """of address space: what a small scene takes. With less, some library, or the C library itself,
 aborts the process while it is loaded, each with another message."""
@@ -160,7 +160,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as reason:
         if reason.filename is not None:
             # a path of the user's that is out of reach: no right to its folder, a name too long
-            message = f"cannot reach '{reason.filename}': {reason.strerror}; {OTHER_PATH}"
+            message = str(out_of_reach(reason.filename, reason))
             print("evs:", " ".join(message.split()), file=sys.stderr)
             return 2
         if reason.errno != errno.ENOSPC:

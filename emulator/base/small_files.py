@@ -24,9 +24,14 @@ def is_file(path: Path) -> bool:
         # ValueError: a null character in the name
         return False
     except OSError as reason:
-        raise EvsError(
-            f"cannot reach '{path}': {reason.strerror}; give another path, or the rights to it"
-        ) from None
+        raise out_of_reach(path, reason) from None
+
+
+def out_of_reach(path: object, reason: OSError) -> EvsError:
+    """The error for a path that the system does not let us reach."""
+    return EvsError(
+        f"cannot reach '{path}': {reason.strerror}; give another path, or the rights to it"
+    )
 
 
 def read_small(path: Path, most: int = MOST_BYTES) -> bytes:
