@@ -15,7 +15,6 @@ from typing import NoReturn
 
 from evs import __version__
 from evs.emulator.base.memory_limits import address_space_left
-from evs.emulator.base.small_files import out_of_reach
 from evs.msgs import EvsError, nearest_first, unknown
 
 GROUPS = {
@@ -160,6 +159,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as reason:
         if reason.filename is not None:
             # a path of the user's that is out of reach: no right to its folder, a name too long
+            from evs.emulator.base.small_files import out_of_reach
+
             message = str(out_of_reach(reason.filename, reason))
             print("evs:", " ".join(message.split()), file=sys.stderr)
             return 2
