@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator import _core
-from evs.emulator.base.gpu.arrays import ALIGNMENT, layout_of
+from evs.emulator.base.gpu.arrays import ALIGNMENT, layout_of, take_from_device
 from evs.emulator.base.gpu.compiler import kernels_of
 from evs.emulator.base.gpu.driver import DeviceMemory, DevicePart, the_gpu
 from evs.emulator.base.scene import F64, I32
@@ -16,12 +16,12 @@ from evs.emulator.camera.camera import LentCamera
 from evs.emulator.render.gpu.scene import THREADS as IMAGE_THREADS
 from evs.emulator.render.gpu.scene import UploadedScene
 from evs.emulator.sensor.gpu.pixel import (
-    KERNELS_OF_MANY,
     THREADS,
     CudaPlainModel,
     CudaPlainState,
     PixelScratch,
     most_state_bytes,
+    pixel_kernels,
 )
 from evs.emulator.sensor.pixel import BLOCK
 
@@ -110,7 +110,7 @@ class DeviceBatch:
         offsets, _ = layout_of(arrays)
         for name, array in arrays.items():
             at = offsets[name]
-            array.reshape(-1).view(np.uint8)[:] = self._state[at : at + array.nbytes]
+            take_from_device(array, self._state[at : at + array.nbytes])
         state.there.push()
         light = DevicePart(self._light.address + camera * scene.luminance.nbytes)
         self._gpu.download(scene.luminance, light)
@@ -131,8 +131,7 @@ class DeviceBatch:
         """
         gpu, count, scratch = self._gpu, len(which), self._scratch
         gpu.use()
-        macros = {**self._terms, "EVS_MANY": 1}
-        _, step, place, pack = kernels_of(gpu, "sensor/pixels", KERNELS_OF_MANY, macros)
+        step, place, pack = pixel_kernels(gpu, self._terms, many=True)
         self._make_room(max(_parts(self._lent[c])[0].layout.tick_bytes for c in which.tolist()))
         blocks = count * self._blocks
         gpu.copy(self._kept, self._states, self._cameras * self._stride)

@@ -76,6 +76,16 @@ def layout_of(arrays: Mapping[str, npt.NDArray[Any]]) -> tuple[dict[str, int], i
     return offsets, size
 
 
+def take_from_device(array: npt.NDArray[Any], data: npt.NDArray[np.uint8]) -> None:
+    """Fill an array with bytes that were downloaded.
+
+    A GPU gives each NaN that it computes other bits than a CPU does: they become those of a CPU.
+    """
+    array.reshape(-1).view(np.uint8)[:] = data
+    if array.dtype.kind == "f":
+        array[np.isnan(array)] = np.nan
+
+
 class DeviceArrays:
     """Arrays of a state, here and on a GPU, one after another in one block of memory."""
 
@@ -123,7 +133,7 @@ class DeviceArrays:
         self._gpu.use()
         self._gpu.download(self._here, self._there)
         for name, array in self._arrays.items():
-            array.reshape(-1).view(np.uint8)[:] = self._bytes_of(name)
+            take_from_device(array, self._bytes_of(name))
         self._is_here = True
 
     def keep(self) -> None:

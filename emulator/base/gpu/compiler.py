@@ -123,7 +123,7 @@ def cached_kernel(name: str, architecture: int, defined: Mapping[str, int]) -> b
 
 
 def kernels_of(
-    gpu: Gpu, name: str, functions: Sequence[str], defined: Mapping[str, int]
+    gpu: Gpu, name: str, functions: Sequence[str], defined: Mapping[str, int], prepare: str = ""
 ) -> list[Any]:
     """Kernels of a file of CORE, which is compiled and loaded once.
 
@@ -132,13 +132,16 @@ def kernels_of(
         name: As of cached_kernel.
         functions: Names of the kernels.
         defined: Macros.
+        prepare: A kernel of the file without parameters, which a single thread runs first.
 
     Raises:
         EvsError: As of compile_kernel.
     """
     key = name, *sorted(defined.items())
     if key not in gpu.loaded:
-        gpu.loaded[key] = gpu.load(cached_kernel(name, gpu.architecture, defined))
+        gpu.loaded[key] = module = gpu.load(cached_kernel(name, gpu.architecture, defined))
+        if prepare:
+            gpu.launch(gpu.kernel(module, prepare), (1, 1, 1), 1)
     return [gpu.kernel(gpu.loaded[key], function) for function in functions]
 
 

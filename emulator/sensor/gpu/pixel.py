@@ -6,6 +6,7 @@ here.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,9 +30,6 @@ from evs.emulator.sensor.pixel import (
 from evs.emulator.sensor.running_mean import RunningMeanConstants
 from evs.msgs import EVENT_DTYPE, Events, EvsError
 
-KERNELS = ("prepare", "step_blocks", "place_crossings", "pack_crossings")
-KERNELS_OF_MANY = ("prepare", "step_blocks_of_many", "place_crossings", "pack_crossings")
-"""where EVS_MANY is 1: of many cameras"""
 THREADS = 64
 """of a block of the GPU, but for `place_crossings`"""
 LOGS = ("linlog", "log_eps", "ln")
@@ -117,9 +115,7 @@ class CudaPlainModel(PlainModel):
             "EVS_FILTER": FILTERS.index(self.sensor.filter),
         }
         """macros of the kernels: what is off is not compiled"""
-        prepare, *kernels = kernels_of(gpu, "sensor/pixels", KERNELS, self.kernel_terms)
-        self._step, self._place, self._pack = kernels
-        gpu.launch(prepare, (1, 1, 1), 1)
+        self._step, self._place, self._pack = pixel_kernels(gpu, self.kernel_terms)
         self._light = DeviceLight(gpu, (sensor.height, sensor.width))
         self._blocks = -(-sensor.width * sensor.height // BLOCK)
         self._grid = (-(-self._blocks // THREADS), 1, 1)
@@ -366,6 +362,24 @@ class PixelScratch:
         if size > self._first:
             self._gpu.download(self._here[:size], self.found)
         return self._here[ALL_BYTES:size]
+
+
+def pixel_kernels(gpu: Gpu, terms: Mapping[str, int], many: bool = False) -> list[Any]:
+    """The kernels that step the pixels, place their crossings and pack them.
+
+    Args:
+        gpu: Where they run.
+        terms: CudaPlainModel.kernel_terms.
+        many: Whether a launch steps many cameras.
+
+    Raises:
+        EvsError: As of compile_kernel.
+    """
+    step = "step_blocks_of_many" if many else "step_blocks"
+    names = step, "place_crossings", "pack_crossings"
+    macros = {**terms, "EVS_MANY": 1} if many else terms
+    # which fills the table of photon noise
+    return kernels_of(gpu, "sensor/pixels", names, macros, prepare="prepare")
 
 
 def most_state_bytes(pixels: int) -> int:

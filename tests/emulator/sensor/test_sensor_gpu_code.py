@@ -8,8 +8,6 @@ import pytest
 from gpu.compile import compiled
 from gpu.ptx import faults
 
-from evs.emulator.sensor.gpu.pixel import KERNELS, KERNELS_OF_MANY
-
 DAVIS = {"EVS_RUNNING_MEAN": 0, "EVS_PHOTON_NOISE": 0, "EVS_SHOT_NOISE": 1, "EVS_LOG": 0}
 
 
@@ -25,6 +23,7 @@ DAVIS = {"EVS_RUNNING_MEAN": 0, "EVS_PHOTON_NOISE": 0, "EVS_SHOT_NOISE": 1, "EVS
 )
 def test_instructions_are_those_of_a_cpu(architecture: int, terms: dict[str, int]) -> None:
     ptx = compiled("pixels", f"compute_{architecture}", terms).decode()
-    kernels = KERNELS_OF_MANY if "EVS_MANY" in terms else KERNELS
-    assert set(re.findall(r"\.entry (\w+)", ptx)) == set(kernels)
+    step = "step_blocks_of_many" if "EVS_MANY" in terms else "step_blocks"
+    kernels = {"prepare", step, "place_crossings", "pack_crossings"}
+    assert set(re.findall(r"\.entry (\w+)", ptx)) == kernels
     assert faults(ptx) == []
