@@ -391,19 +391,47 @@ def trace_device_frame(arguments: Annotated[NDArray[numpy.uint8], dict(shape=(No
         luminance: (h, w) float32, the output.
     """
 
+def offer_device_readers(readers: int, count: int, word: int, first: int) -> None:
+    """
+    Offer a word of each reader to the nodes that it reads, as a device does: for tests.
+
+    Args:
+        readers, count: The address of so many readers of reader_bytes.
+        word: Which of the words, after those before.
+        first: The address of (nodes, 3) uint64, the least words so far.
+    """
+
+def trace_device_pass(arguments: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], edges: bool, counts: int, missing: int, missing_room: int, readers: int, reader_room: int, base: int, untextured: int, luminance: int) -> None:
+    """
+    Trace a pass of `hybrid` from DeviceFrame's copies, whose addresses are those of
+    arrays, as a device does: for tests.
+
+    Args:
+        arguments: (argument_bytes,) uint8, of copy_tick and copy_cache.
+        edges: Whether pixels at edges are refined; else all are traced.
+        counts: The address of two uint32, to which the numbers of missing nodes and of
+            readers are added.
+        missing, missing_room: The address of so many nodes of request_bytes.
+        readers, reader_room: The address of so many readers of reader_bytes.
+        base, untextured, luminance: Addresses of (h, w) float32: light of the first pass,
+            where edges are refined; light without textures, or 0; the light.
+    """
+
 class DeviceFrame:
     """
-    The frames of `direct` or `path` for a device with memory of its own.
+    The frames of a renderer for a device with memory of its own.
 
     Everything that a frame points to lies in two blocks of memory: one
-    that stays, and one that each tick replaces.
+    that stays, and one that each tick replaces. What `hybrid` reads of its
+    cache lies in a third one, which each pass over the pixels replaces.
     """
 
     def __init__(self, caster: Caster) -> None:
         """
         Args:
-            caster: Of `direct`, or of `path` with a fixed number of samples; without colour.
-                Its meshes must not deform, nor with `path` its geoms be resized.
+            caster: Of `direct`, `hybrid`, or `path` with a fixed number of samples; without
+                colour. Its meshes must not deform, nor with `path` and `hybrid` its geoms be
+                resized.
         """
 
     def copy_constant(self, address: int, out: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')]) -> None:
@@ -415,9 +443,9 @@ class DeviceFrame:
             out: (constant_bytes,) uint8, the output.
         """
 
-    def copy_tick(self, geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(9), order='C', device='cpu', writable=False)], constant: int, tick: int, out: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')], arguments: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')], seed: int = 0) -> None:
+    def copy_tick(self, geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(9), order='C', device='cpu', writable=False)], constant: int, tick: int, out: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')], arguments: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')], seed: int = 0) -> str:
         """
-        Place everything for a tick, and copy what it changes.
+        Place everything for a tick, light nodes of `hybrid`, and copy what the tick changes.
 
         Args:
             geom_pos, geom_mat: (ng, 3) and (ng, 9) float64, world frame.
@@ -426,8 +454,68 @@ class DeviceFrame:
             constant, tick: Where the blocks lie on the device.
             out: (tick_bytes,) uint8, the output.
             arguments: (argument_bytes,) uint8, the output: those of the kernels.
-            seed: The seed of this tick, for path.
+            seed: The seed of this tick, for path and hybrid.
+
+        Returns:
+            Where pixels are to be traced: "there"; "here", by trace_here; or "nowhere", as
+            no light has changed.
         """
+
+    def copy_cache(self, edges: bool, address: int, used_address: int, out: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')], used: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')], arguments: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')]) -> None:
+        """
+        Begin a pass of `hybrid`, after copy_tick, and copy what it reads of the cache.
+
+        Args:
+            edges: Whether it is that over pixels at edges.
+            address, used_address: Where `out` and `used` lie on the device.
+            out: (cache_bytes,) uint8, the output.
+            used: (nodes,) uint8, the output; the device adds to it.
+            arguments: (argument_bytes,) uint8 of copy_tick, changed.
+        """
+
+    def take_nodes(self, used: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], missing: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> bool:
+        """
+        Take what a pass has read, and light the nodes that it missed.
+
+        Args:
+            used: (nodes,) uint8.
+            missing: (n * request_bytes,) uint8.
+
+        Returns:
+            False where the cache has no room: the tick is then traced by trace_here.
+        """
+
+    def take_readers(self, first: Annotated[NDArray[numpy.uint64], dict(shape=(None, 3), order='C', device='cpu', writable=False)]) -> None:
+        """
+        Take from where nodes are read, after a pass in which nothing was missing.
+
+        Args:
+            first: (nodes, 3) uint64, the least words of all readers of each; all bits 1: none.
+        """
+
+    def trace_here(self, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')]) -> None:
+        """
+        Trace the pixels of `hybrid` on the CPU, after copy_tick.
+
+        Args:
+            luminance: (h, w) float32, the output.
+        """
+
+    @property
+    def cache_bytes(self) -> int:
+        """Bytes of the cache as it is now, of `hybrid`."""
+
+    @property
+    def nodes(self) -> int:
+        """Nodes of the cache, of `hybrid`."""
+
+    @property
+    def request_bytes(self) -> int:
+        """Bytes of a missing node."""
+
+    @property
+    def reader_bytes(self) -> int:
+        """Bytes of a hit that reads nodes."""
 
     @property
     def constant_bytes(self) -> int:
@@ -442,9 +530,9 @@ class DeviceFrame:
         """Bytes of the arguments."""
 
     @property
-    def argument_offsets(self) -> tuple[int, int, int]:
+    def argument_offsets(self) -> tuple[int, int, int, int]:
         """
-        Where in the arguments the frame is, that of a first pass, and that of paths.
+        Where in the arguments the frame is, that of a first pass, that of paths, and the cache.
         """
 
     @property

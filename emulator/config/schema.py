@@ -163,8 +163,8 @@ class RenderConfig:
     """auto | avx512 | avx2 | neon | portable: the instruction set of renderer, pixels and networks;
     the result is the same bit for bit"""
     device: str = "cpu"
-    """cpu | cuda: an NVIDIA GPU (direct and path, needs evs[cuda]) | auto: cuda where it can; the
-    result is the same bit for bit"""
+    """cpu | cuda: an NVIDIA GPU (direct, hybrid, path; needs evs[cuda]) | auto: cuda where it can;
+    the result is the same bit for bit"""
     flicker: tuple[FlickerConfig, ...] = ()
 
     @property

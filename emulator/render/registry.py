@@ -56,6 +56,7 @@ RENDERERS = {
         default_spp=4,
         max_spp=64,
         options=("threads", "rgb", "seed", "switches", "like"),
+        cuda="evs.emulator.render.gpu.hybrid:CudaHybridRenderer",
         bounces=True,
         caches_light=True,
         adaptive=True,

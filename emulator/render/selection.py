@@ -103,7 +103,7 @@ def _why_not_cuda(scene: SceneModel, config: RenderConfig, rgb: bool) -> str:
         return "colour is rendered on the CPU only"
     if row.paths and config.antialiasing == "adaptive":
         return "paths at edges only (render.antialiasing=adaptive) are traced on the CPU"
-    if scene.deforming or (row.paths and len(scene.stretching)):
+    if scene.deforming or (row.bounces and len(scene.stretching)):
         return "the scene has shapes that deform"
     return ""
 

@@ -66,6 +66,11 @@ class DeviceLight:
         return self._here
 
 
+def power_from(count: int) -> int:
+    """The least power of 2 that is at least that: how much room is made for so many."""
+    return 1 << max(count - 1, 0).bit_length()
+
+
 def layout_of(arrays: Mapping[str, npt.NDArray[Any]]) -> tuple[dict[str, int], int]:
     """Where each of some arrays lies, one after another, and how many bytes there are."""
     offsets: dict[str, int] = {}

@@ -301,14 +301,7 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
   place_geoms(poses);
   place_lights(poses);
   place_medium();
-
-  std::vector<double>& camera = camera_;
-  bool first = camera.empty();
-  camera.resize(12);
-  bool still = !first && std::equal(camera.begin(), camera.begin() + 3, poses.camera_pos) &&
-               std::equal(camera.begin() + 3, camera.end(), poses.camera_mat);
-  std::copy(poses.camera_pos, poses.camera_pos + 3, camera.begin());
-  std::copy(poses.camera_mat, poses.camera_mat + 9, camera.begin() + 3);
+  bool first = camera_.empty(), still = is_still(poses);
   bool selective = incremental_ && still && !forced_.on(FULL_RETRACE);
   work_.ticks++;
   if (!first && forced_.off(FULL_RETRACE)) {
@@ -320,7 +313,7 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
   if (irradiance_) {
     paths_.seed = poses.seed;
     bool same = still && poses.seed == previous_seed_ && same_lights() && same_scene();
-    trace_hybrid(same, selective && poses.seed == previous_seed_, out);
+    if (begin_hybrid(same)) trace_hybrid(selective && poses.seed == previous_seed_, out);
     previous_seed_ = poses.seed;
   } else if (emitters_) {
     paths_.seed = poses.seed;
@@ -332,6 +325,17 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
     trace_direct(still, selective, out);
   }
   end_tick();
+}
+
+// Is the camera where it was in the last call?
+bool Caster::is_still(const Poses& poses) {
+  bool first = camera_.empty();
+  camera_.resize(12);
+  bool still = !first && std::equal(camera_.begin(), camera_.begin() + 3, poses.camera_pos) &&
+               std::equal(camera_.begin() + 3, camera_.end(), poses.camera_mat);
+  std::copy(poses.camera_pos, poses.camera_pos + 3, camera_.begin());
+  std::copy(poses.camera_mat, poses.camera_mat + 9, camera_.begin() + 3);
+  return still;
 }
 
 bool Caster::same_lights() const {

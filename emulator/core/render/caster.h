@@ -115,8 +115,8 @@ class Caster {
     return {*kernel_, frame_, paths_};
   }
 
-  // Neither `hybrid` nor samples at edges of `path`, which a device does not render.
-  bool fits_device() const { return !irradiance_ && !edges_; }
+  // Not samples at edges of `path`, which a device does not render.
+  bool fits_device() const { return !edges_; }
   // What a device needs to render a tick: see DeviceFrame.
   struct DeviceInputs {
     Frame frame;
@@ -126,8 +126,21 @@ class Caster {
     size_t bvh_boxes[GeomBvh::LEVELS], bvh_geoms;
   };
   DeviceInputs device_inputs() const;
-  // Place everything for a tick that a device renders.
-  void place_for_device(const Poses& poses);
+  // Where the pixels of a tick are traced: nowhere, as no light has changed; here, by `trace_here`;
+  // or on a device.
+  enum class Place { NOWHERE, HERE, THERE };
+  // Place everything for a tick that a device renders. `hybrid` is traced here where its cache is
+  // empty.
+  Place place_for_device(const Poses& poses);
+  // Trace all pixels of `hybrid`, after that.
+  void trace_here(float* luminance);
+  // What pixels of `hybrid` read on a device, in a pass over them that begins.
+  const IrradianceCache& begin_device_pass(IrradianceCache::Pass pass);
+  // Take which nodes they have read, (nodes), and the nodes that they miss, which are lit. Returns
+  // false where there is no room: the tick must then be traced here.
+  bool take_from_device(const uint8_t* used, const NodeRequest* missing, size_t count);
+  // Take from where nodes were read, as IrradianceCache::take_first_readers.
+  void take_first_readers(const uint64_t* words) { irradiance_->take_first_readers(words); }
 
   double traced_fraction() const { return traced_fraction_; }
   int channels() const { return frame_.channels; }
@@ -167,6 +180,7 @@ class Caster {
   uint32_t non_occluding_planes(const Light& light) const;
   void place_lights(const Poses& poses);
   void place_medium();
+  bool is_still(const Poses& poses);
   bool has_changed(size_t geom) const;
   void find_moved();
   bool same_lights() const;
@@ -177,7 +191,9 @@ class Caster {
   void place_hybrid();
   // What packets of `hybrid` record: what kept_light.inl keeps while lamps rest, or all of it.
   enum class Recording { NOTHING, LIGHT, SURFACES };
-  void trace_hybrid(bool same, bool selective, const Outputs& out);
+  bool begin_hybrid(bool same);
+  void trace_hybrid(bool selective, const Outputs& out);
+  IrradianceCache::Tracer node_tracer();
   bool find_dirty_of_hybrid();
   bool hybrid_passes(const IrradianceCache::Tracer& tracer, Recording now, bool selective,
                      const Outputs& out);

@@ -47,6 +47,7 @@ void Caster::set_hybrid(const Optics& optics, const Tracing& tracing, const Scen
   paths_.transparent_geoms = emitters_->transparent_geoms().data();
   paths_.transparent_count = static_cast<int>(emitters_->transparent_geoms().size());
   set_paths();
+  paths_.world = frame_.camera_to_world;
   batches_ = std::make_unique_for_overwrite<PathBatch[]>(pool_->threads());
   // the lattice's spacing: of large images in pixels, of small ones as an angle
   constexpr float MAX_PX = 8, MIN_PX = 2, ANGLE = 0.03f;
@@ -135,19 +136,29 @@ bool Caster::find_dirty_of_hybrid() {
   return true;
 }
 
-// One tick of the `hybrid` integrator. In: whether all is as it was in the last tick; whether only
-// dirty packets are traced.
-void Caster::trace_hybrid(bool same, bool selective, const Outputs& out) {
+IrradianceCache::Tracer Caster::node_tracer() {
+  return {*kernel_, colour_frame_, paths_, batches_.get(), *pool_};
+}
+
+// Begin a tick of the `hybrid` integrator. In: whether all is as it was in the last tick. Returns
+// whether there is anything to trace.
+bool Caster::begin_hybrid(bool same) {
   IrradianceCache& cache = *irradiance_;
   rest_ticks_ = same ? rest_ticks_ + 1 : 0;
   if (incremental_ && !forced_.on(FULL_RETRACE) && rest_ticks_ > IrradianceCache::REST_TICKS) {
     cache.skip_tick();
     traced_fraction_ = 0;
-    return;
+    return false;
   }
   place_hybrid();
-  IrradianceCache::Tracer tracer = {*kernel_, colour_frame_, paths_, batches_.get(), *pool_};
-  cache.next_tick(tracer);
+  cache.next_tick(node_tracer());
+  return true;
+}
+
+// Trace the pixels of a tick. In: whether only dirty packets are traced.
+void Caster::trace_hybrid(bool selective, const Outputs& out) {
+  IrradianceCache& cache = *irradiance_;
+  IrradianceCache::Tracer tracer = node_tracer();
   bool cold = cache.size() == 0;
   bool records = kept_ && selective, lamps_move = !same_lights();
   Recording now = !records     ? Recording::NOTHING
@@ -267,6 +278,22 @@ bool Caster::hybrid_passes(const IrradianceCache::Tracer& tracer, Recording now,
   });
   antialiasing_->next_tick();
   return fits;
+}
+
+void Caster::trace_here(float* luminance) {
+  trace_hybrid(false, {luminance, nullptr, nullptr, 0, nullptr});
+}
+
+const IrradianceCache& Caster::begin_device_pass(IrradianceCache::Pass pass) {
+  irradiance_->begin_pass(pass);
+  return *irradiance_;
+}
+
+bool Caster::take_from_device(const uint8_t* used, const NodeRequest* missing, size_t count) {
+  irradiance_->set_used(used);
+  if (count == 0) return true;
+  irradiance_->request(missing, count);
+  return irradiance_->add_requested(node_tracer());
 }
 
 bool Caster::restore_irradiance(long tick, int coarser, int nodes, const int32_t* ints,

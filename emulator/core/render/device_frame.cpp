@@ -9,7 +9,8 @@
 namespace evs {
 
 Caster::DeviceInputs Caster::device_inputs() const {
-  DeviceInputs inputs = {frame_, {}, paths_, appearance_, {}, bvh_->geoms()};
+  const Appearance& appearance = luminance_ ? *luminance_ : appearance_;
+  DeviceInputs inputs = {frame_, {}, paths_, appearance, {}, bvh_->geoms()};
   inputs.frame.bounds = spheres_.view();
   inputs.frame.bvh = bvh_->view();
   if (antialiasing_) inputs.first_pass = antialiasing_->base_frame(inputs.frame);
@@ -19,14 +20,23 @@ Caster::DeviceInputs Caster::device_inputs() const {
   return inputs;
 }
 
-void Caster::place_for_device(const Poses& poses) {
+Caster::Place Caster::place_for_device(const Poses& poses) {
   place_geoms(poses);
   place_lights(poses);
   place_medium();
   paths_.seed = poses.seed;
   work_.ticks++;
+  if (irradiance_) {
+    bool same = is_still(poses) && poses.seed == previous_seed_ && same_lights() && same_scene();
+    previous_seed_ = poses.seed;
+    end_tick();
+    kept_of_last_ = Recording::NOTHING;
+    if (!begin_hybrid(same)) return Place::NOWHERE;
+    if (irradiance_->size() == 0) return Place::HERE;
+  }
   work_.packets_traced += static_cast<long>(sampling_.rows) * sampling_.columns;
   traced_fraction_ = 1;
+  return Place::THERE;
 }
 
 DeviceFrame::DeviceFrame(Caster& caster) : caster_(caster) {
@@ -41,11 +51,42 @@ void DeviceFrame::copy_constant(uint64_t address, char* out) const {
   lay_out(constant, tick);
 }
 
-void DeviceFrame::copy_tick(const Poses& poses, uint64_t constant, uint64_t tick, char* out,
-                            DeviceArguments& arguments) const {
-  caster_.place_for_device(poses);
+Caster::Place DeviceFrame::copy_tick(const Poses& poses, uint64_t constant, uint64_t tick,
+                                     char* out, DeviceArguments& arguments) const {
+  Caster::Place place = caster_.place_for_device(poses);
   DeviceBlock stays(constant, nullptr), changes(tick, out);
   arguments = lay_out(stays, changes);
+  return place;
+}
+
+uint64_t DeviceFrame::cache_bytes() const {
+  DeviceBlock counted(0, nullptr);
+  lay_out_cache(counted);
+  return counted.bytes();
+}
+
+void DeviceFrame::copy_cache(bool edges, uint64_t address, uint64_t used_address, char* out,
+                             uint8_t* used, DeviceArguments& arguments) const {
+  using Cache = IrradianceCache;
+  const Cache& cache = caster_.begin_device_pass(edges ? Cache::EDGES : Cache::ALL_PIXELS);
+  DeviceBlock block(address, out);
+  arguments.cache = lay_out_cache(block);
+  arguments.cache.used = reinterpret_cast<uint8_t*>(used_address);
+  std::copy(cache.used().begin(), cache.used().end(), used);
+}
+
+IrradianceView DeviceFrame::lay_out_cache(DeviceBlock& block) const {
+  const IrradianceCache& cache = *caster_.irradiance();
+  Caster::DeviceInputs inputs = caster_.device_inputs();
+  IrradianceView view = cache.view();
+  view.slots = block.put(view.slots, cache.slot_count());
+  view.light = block.put(view.light, 4 * static_cast<size_t>(cache.size()));
+  view.lamp_x = block.put(view.lamp_x, LAMP_POINTS);
+  view.lamp_y = block.put(view.lamp_y, LAMP_POINTS);
+  size_t emitters = static_cast<size_t>(inputs.paths.emitter_count);
+  view.lamp_points = block.put(view.lamp_points, emitters * LAMP_POINTS);
+  view.tint = block.put(view.tint, 4 * inputs.appearance.surfaces.size());
+  return view;
 }
 
 DeviceArguments DeviceFrame::lay_out(DeviceBlock& constant, DeviceBlock& tick) const {
@@ -129,7 +170,7 @@ DeviceArguments DeviceFrame::lay_out(DeviceBlock& constant, DeviceBlock& tick) c
   p.emitter_of_geom = constant.put(p.emitter_of_geom, geoms);
   p.transparent_geoms = constant.put(p.transparent_geoms, static_cast<size_t>(p.transparent_count));
   p.world = tick.put(p.world, 9);
-  return {f, first, p};
+  return {f, first, p, {}};
 }
 
 void render_device_frame(const Kernel& kernel, const DeviceArguments& arguments, float* luminance) {
@@ -168,6 +209,66 @@ void render_device_frame(const Kernel& kernel, const DeviceArguments& arguments,
     kernel.trace_pixels(frame, &x, &y, 1, &all, nullptr);
     luminance[at(x, y)] = blend(luminance[at(x, y)], all, weight[0]);
   });
+}
+
+void trace_device_pixels(const Kernel& kernel, const DeviceArguments& arguments, bool edges,
+                         const DevicePixelLight& light, DeviceNodes& nodes) {
+  const bool adaptive = arguments.first_pass.samples > 0;
+  Frame frame = adaptive && !edges ? arguments.first_pass : arguments.frame;
+  constexpr float EVERYWHERE = 1e30f;
+  constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT;
+  int columns = frame.packet_columns, rows = (frame.height + PACKET_HEIGHT - 1) / PACKET_HEIGHT;
+  std::vector<RayCone> cones(static_cast<size_t>(rows) * columns);
+  std::fill(cones.begin(), cones.end(),
+            RayCone{{0, 0, 0}, {0, 0, -1}, EVERYWHERE, EVERYWHERE, 0.5f, 0.8660254f});
+  frame.primary = cones.data();
+  auto requests = std::make_unique<NodeRequests>();
+  requests->forget_cells();
+  requests->owner = &nodes;
+  requests->keep = [](NodeRequests& r) {
+    auto& to = *static_cast<DeviceNodes*>(r.owner);
+    to.missing.insert(to.missing.end(), r.at, r.at + r.count);
+    to.readers.insert(to.readers.end(), r.readers, r.readers + r.reader_count);
+    r.count = r.reader_count = 0;
+  };
+  // the light without textures has a margin, which here is another line or column
+  long stride = 4L * columns + 2;
+  std::vector<float> untextured(static_cast<size_t>((rows * PACKET_HEIGHT + 2) * stride));
+  Outputs out = {light.luminance, nullptr, light.untextured ? untextured.data() : nullptr, stride,
+                 nullptr};
+  auto at = [&](int x, int y) { return static_cast<long>(y) * frame.width + x; };
+  for (int row = 0; row < rows && !edges; row++) {
+    for (int column = 0; column < columns; column++) {
+      kernel.trace_hybrid(frame, arguments.paths, arguments.cache, *requests, column, row, out,
+                          nullptr);
+      requests->complete = true;
+    }
+  }
+  for (int y = 0; y < frame.height; y++) {
+    for (int x = 0; x < frame.width; x++) {
+      if (!edges && light.untextured) {
+        light.untextured[at(x, y)] = untextured[static_cast<size_t>((y + 1) * stride + x + 1)];
+      }
+      if (!edges) continue;
+      float near[9][PACKET] = {}, weight[PACKET], refined[PACKET];
+      const float* neighbours[9];
+      for (int i = 0; i < 9; i++) {
+        int column = std::clamp(x + i % 3 - 1, 0, frame.width - 1);
+        int line = std::clamp(y + i / 3 - 1, 0, frame.height - 1);
+        near[i][0] = light.untextured[at(column, line)];
+        neighbours[i] = near[i];
+      }
+      kernel.refinement_weight(neighbours, weight);
+      light.luminance[at(x, y)] = light.base[at(x, y)];
+      if (!(weight[0] > 0)) continue;
+      int pixel = y % PACKET_HEIGHT * PACKET_WIDTH + x % PACKET_WIDTH;
+      kernel.refine_hybrid(frame, arguments.paths, arguments.cache, *requests, x / PACKET_WIDTH,
+                           y / PACKET_HEIGHT, 1u << pixel, refined, nullptr);
+      requests->complete = true;
+      light.luminance[at(x, y)] = blend(light.base[at(x, y)], refined[pixel], weight[0]);
+    }
+  }
+  requests->keep(*requests);
 }
 
 }  // namespace evs

@@ -40,19 +40,6 @@ struct CellReader {
   float point[3], normal[3];
 };
 
-// Where a packet asks for nodes, and says from where it reads them.
-struct NodeRequests {
-  static constexpr int ROOM = 1024, CELLS = 256;
-  CellNodes cells[CELLS];  // found lately in this tick, by part of their key's hash
-  bool complete = true;    // nothing is missing
-  int count = 0;
-  NodeRequest at[ROOM];
-  int reader_count = 0;
-  CellReader readers[ROOM];
-  void* owner = nullptr;
-  void (*keep)(NodeRequests&) = nullptr;  // empties both when one is full
-};
-
 // The hash table: linear probing; an entry is found by 64 bits of its key's hash.
 struct NodeSlot {
   uint32_t check;
@@ -133,6 +120,36 @@ inline uint32_t short_hash(const NodeKey& k) {
                   static_cast<uint32_t>((k.geom * 8 + k.face) * 64 + k.level) * 0x27d4eb2fu;
   return hash >> 16;
 }
+
+#ifndef EVS_ON_DEVICE  // where render/gpu/hybrid.cu has another
+// Where a packet asks for nodes, and says from where it reads them.
+struct NodeRequests {
+  static constexpr int ROOM = 1024, CELLS = 256;
+  CellNodes cells[CELLS];  // found lately in this tick, by part of their key's hash
+  bool complete = true;    // nothing is missing
+  int count = 0;
+  NodeRequest at[ROOM];
+  int reader_count = 0;
+  CellReader readers[ROOM];
+  void* owner = nullptr;
+  void (*keep)(NodeRequests&) = nullptr;  // empties both when one is full
+
+  // Where a cell is remembered.
+  CellNodes& cell_of(const NodeKey& key) { return cells[short_hash(key) % CELLS]; }
+  // Room for the next one.
+  NodeRequest& next_request() {
+    if (count == ROOM) keep(*this);
+    return at[count++];
+  }
+  CellReader& next_reader() {
+    if (reader_count == ROOM) keep(*this);
+    return readers[reader_count++];
+  }
+  void forget_cells() {
+    for (CellNodes& cell : cells) cell.key.geom = -1;
+  }
+};
+#endif
 
 // Find a node in the table, -1 where it is missing.
 inline int find_node(const NodeSlot* slots, uint32_t mask, const NodeKey& key) {

@@ -22,7 +22,7 @@ class UploadedScene:
 
         Args:
             gpu: Where to.
-            caster: Of direct or path, as DeviceFrame takes it.
+            caster: As DeviceFrame takes it.
             shape: Height and width of the image, px.
 
         Raises:
@@ -45,10 +45,11 @@ class UploadedScene:
         self._tick = gpu.allocate(layout.tick_bytes)
         self._staged = gpu.pinned((layout.tick_bytes,), np.uint8)
         self._uploaded = gpu.mark()
-        self._arguments = np.zeros(layout.argument_bytes, np.uint8)
-        starts = layout.argument_offsets
-        self.frame, self.first_pass, self.paths = (self._arguments[at:] for at in starts)
-        """(bytes,) uint8, arguments of kernels"""
+        self.arguments = np.zeros(layout.argument_bytes, np.uint8)
+        """(argument_bytes,) uint8, of all kernels"""
+        parts = [self.arguments[at:] for at in layout.argument_offsets]
+        self.frame, self.first_pass, self.paths, self.cache = parts
+        """(bytes,) uint8, arguments of a kernel"""
         self._shape = height, width = shape
         self.blocks = (width + 7) // 8, (height + 15) // 16
         """how many of THREADS hold the image, along x and y"""
@@ -57,26 +58,30 @@ class UploadedScene:
         self.light = gpu.allocate(self.luminance.nbytes)
         """the same on the GPU"""
 
-    def upload(self, placed: tuple[F64, F64, F64, F64, F64, F64], seed: int = 0) -> None:
+    def upload(self, placed: tuple[F64, F64, F64, F64, F64, F64], seed: int = 0) -> str:
         """Place everything for a tick, and upload what it changes.
 
         Args:
             placed: Poses, as Caster.render takes them.
             seed: Of the tick's noise.
+
+        Returns:
+            Where its pixels are to be traced, as of DeviceFrame.copy_tick.
         """
         self._gpu.use()
         # what was staged before may be on its way
         self._uploaded.wait()
-        self.layout.copy_tick(
+        where: str = self.layout.copy_tick(
             *placed,
             constant=self.constant.address,
             tick=self._tick.address,
             out=self._staged,
-            arguments=self._arguments,
+            arguments=self.arguments,
             seed=seed,
         )
         self._gpu.upload(self._tick, self._staged)
         self._uploaded.move()
+        return where
 
     def device_light(self) -> DeviceLight:
         """Other memory for light on the GPU."""
@@ -109,6 +114,17 @@ class UploadedScene:
             return self.luminance
         np.copyto(into, self.luminance)
         return into
+
+    def put_light(self) -> None:
+        """Upload `luminance` as the light."""
+        self._gpu.use()
+        self._gpu.upload(self.light, self.luminance)
+        self._gpu.wait()
+
+    def copy_light(self, into: DeviceLight) -> None:
+        """Copy the light to other memory there."""
+        self._gpu.copy(into.memory, self.light, self.luminance.nbytes)
+        into.changed()
 
     def launch(self, kernel: object, *arguments: npt.NDArray[np.generic], deep: int = 1) -> None:
         """Launch a kernel over the image, so many threads deep."""

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from evs.emulator import _core
 from evs.emulator.base.arrays import Arrays
 from evs.emulator.base.features import UNFORCED, Switches
-from evs.emulator.base.gpu.arrays import ALIGNMENT, DeviceArrays, DeviceLight
+from evs.emulator.base.gpu.arrays import ALIGNMENT, DeviceArrays, DeviceLight, power_from
 from evs.emulator.base.gpu.compiler import SCAN_THREADS, kernels_of
 from evs.emulator.base.gpu.driver import DeviceMemory, Gpu, the_gpu
 from evs.emulator.sensor.parameters import ModelRequest, SensorParameters
@@ -309,14 +309,14 @@ class PixelScratch:
 
     def make_blocks(self, found: TickCounts) -> None:
         """Make room for what a block had."""
-        self.crossings = max(_power(found.most_crossings), self.crossings)
-        self.candidates = max(_power(found.most_candidates), self.candidates)
+        self.crossings = max(power_from(found.most_crossings), self.crossings)
+        self.candidates = max(power_from(found.most_candidates), self.candidates)
         self.slots = self._gpu.allocate(CROSSING_BYTES * self.crossings * self._blocks)
         self.drawn = self._gpu.allocate(CANDIDATE_BYTES * self.candidates * self._blocks)
 
     def make_room(self, crossings: int) -> None:
         """Make room for so many crossings of a tick."""
-        self.room = _power(crossings)
+        self.room = power_from(crossings)
         size = ALL_BYTES + CROSSING_BYTES * self.room
         self.found = self._gpu.allocate(size)
         self._here = self._gpu.pinned((size,), np.uint8)
@@ -387,11 +387,6 @@ def most_state_bytes(pixels: int) -> int:
     sizes = [pixels * np.dtype(dtype).itemsize for dtype in FRAMES.values()]
     sizes += len(BLOCKS) * [8 * -(-pixels // BLOCK)]
     return sum(-(-size // ALIGNMENT) * ALIGNMENT for size in sizes)
-
-
-def _power(count: int) -> int:
-    """The least power of 2 that is at least that."""
-    return 1 << max(count - 1, 0).bit_length()
 
 
 def _checked(state: Any) -> CudaPlainState:

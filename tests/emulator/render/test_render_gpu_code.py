@@ -44,6 +44,12 @@ def test_those_of_path_are_too() -> None:
     assert faults(ptx) == []
 
 
+def test_those_of_hybrid_are_too() -> None:
+    ptx = compiled("hybrid", "compute_75", {"EVS_CHANNELS": 1, "EVS_ADAPTIVE": 0}).decode()
+    assert ".entry offer_readers" in ptx
+    assert faults(ptx) == []
+
+
 def test_other_instructions_are_found() -> None:
     options = [o for o in SAME_BYTES if not o.startswith(("--fmad", "--ftz", "--prec"))]
     careless = ("--fmad=true", "--prec-div=false", "--prec-sqrt=false", "--ftz=false")

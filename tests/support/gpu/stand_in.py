@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
+from functools import partial
 from types import ModuleType
 from typing import Any
 
@@ -18,6 +19,27 @@ from evs.emulator.base.gpu.driver import DevicePart
 from evs.emulator.camera import event_models
 from evs.emulator.evsnet.gpu.network import KERNELS as NETWORK_KERNELS
 from evs.emulator.render import selection
+
+
+def _trace_pass(edges: bool, frame: npt.NDArray[Any], *arguments: npt.NDArray[Any]) -> None:
+    """Run a kernel of `hybrid`, whose first argument is a part of all arguments."""
+    assert isinstance(frame.base, np.ndarray)
+    counts, missing, readers, rooms = arguments[2].tolist()
+    light = [int(argument[0]) for argument in arguments[3:]]
+    first, untextured, last = light if edges else (0, light[1], light[0])
+    lists = counts, missing, rooms & 0xFFFFFFFF, readers, rooms >> 32
+    _core.trace_device_pass(frame.base, edges, *lists, first, untextured, last)
+
+
+def _offer_readers(*arguments: npt.NDArray[Any]) -> None:
+    _core.offer_device_readers(*[int(argument[0]) for argument in arguments])
+
+
+HYBRID_KERNELS = {
+    "hybrid": partial(_trace_pass, False),
+    "hybrid_at_edges": partial(_trace_pass, True),
+    "offer_readers": _offer_readers,
+}
 
 
 class StandInMemory:
@@ -97,6 +119,9 @@ class StandInGpu:
         """Run the kernel; of renderers, all the work of a frame in its last one."""
         if kernel in NETWORK_KERNELS:
             _core.launch_network_kernel(kernel, blocks[0], threads, list(arguments))
+            return
+        if kernel in HYBRID_KERNELS:
+            HYBRID_KERNELS[kernel](*arguments)
             return
         if kernel == "step_blocks":
             _core.step_device_pixels(arguments[0])

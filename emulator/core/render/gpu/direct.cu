@@ -3,7 +3,6 @@
 #include "prelude.h"
 
 #include "image_threads.cuh"
-#include "integrators/antialiasing.inl"
 #include "integrators/blend.h"
 
 // channels of the frame
@@ -64,16 +63,7 @@ extern "C" __global__ void __launch_bounds__(128, EVS_BLOCKS)
     second_pass(const __grid_constant__ Frame frame, const float* untextured, float* luminance) {
   int x, y;
   if (!pixel_of_thread(frame, x, y)) return;
-  const float* neighbours[9];
-  for (int i = 0; i < 9; i++) {
-    // clamp to the image
-    int column = x + i % 3 - 1, row = y + i / 3 - 1;
-    column = column < 0 ? 0 : column >= frame.width ? frame.width - 1 : column;
-    row = row < 0 ? 0 : row >= frame.height ? frame.height - 1 : row;
-    neighbours[i] = untextured + static_cast<long>(row) * frame.width + column;
-  }
-  float weight, all;
-  cuda::refinement_weight(neighbours, &weight);
+  float all, weight = weight_of_pixel(frame, x, y, untextured);
   if (!(weight > 0)) return;
   cuda::trace_scattered<EVS_CHANNELS>(frame, &x, &y, 1, &all, nullptr);
   float& out = luminance[static_cast<long>(y) * frame.width + x];

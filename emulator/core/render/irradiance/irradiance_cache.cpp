@@ -6,6 +6,8 @@
 #include <tuple>
 #include <utility>
 
+#include "irradiance/first_readers.h"
+
 namespace evs {
 namespace {
 
@@ -200,9 +202,7 @@ void IrradianceCache::begin_pass(Pass pass) {
 
 // The workers' cells hold while no node goes and the tick lasts, in which reading a node marks it.
 void IrradianceCache::forget_cells() {
-  for (Worker& w : workers_) {
-    for (CellNodes& cell : w.requests.cells) cell.key.geom = -1;
-  }
+  for (Worker& w : workers_) w.requests.forget_cells();
 }
 
 // Set the light that kernels read.
@@ -472,6 +472,13 @@ void IrradianceCache::take_readers() {
   }
 }
 
+void IrradianceCache::take_first_readers(const uint64_t* words) {
+  for (Node& node : nodes_) {
+    if (words[0] != NO_HIT) hit_of_words(words, node.point, node.normal);
+    words += HIT_WORDS;
+  }
+}
+
 bool IrradianceCache::collect(int worker) {
   Worker& w = workers_[worker];
   bool complete = w.requests.complete;
@@ -480,6 +487,10 @@ bool IrradianceCache::collect(int worker) {
     w.requests.complete = true;
   }
   return complete;
+}
+
+void IrradianceCache::request(const NodeRequest* nodes, size_t count) {
+  workers_[0].kept.insert(workers_[0].kept.end(), nodes, nodes + count);
 }
 
 bool IrradianceCache::add_requested(const Tracer& t) {

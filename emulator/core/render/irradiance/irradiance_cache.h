@@ -11,6 +11,7 @@
 //  - nothing that is older than SETTLE_TICKS shows.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -70,12 +71,20 @@ class IrradianceCache {
   NodeRequests& requests(int worker) { return workers_[worker].requests; }
   // Keep what a packet has requested. Returns whether it was complete.
   bool collect(int worker);
+  // The same of nodes that a device has requested.
+  void request(const NodeRequest* nodes, size_t count);
+  // (nodes) the passes that read each since the last sweep.
+  const std::vector<uint8_t>& used() const { return used_; }
+  void set_used(const uint8_t* used) { std::copy_n(used, used_.size(), used_.begin()); }
+  size_t slot_count() const { return slots_.size(); }
   // Add and light the nodes that were requested. Returns false where there was no room: the lattice
   // is then coarser, and every pixel must be traced again.
   bool add_requested(const Tracer& tracer);
   // Take the first hit that has read each node in this tick, if the packets said. Nodes that it
   // does not see move there when it is their turn.
   void take_readers();
+  // The same, where the first hits are known: (nodes, HIT_WORDS) of first_readers.h.
+  void take_first_readers(const uint64_t* words);
   // After the first tick: average all nodes again, now that all neighbours are there.
   void settle(const Frame& frame);
 

@@ -131,9 +131,9 @@ inline bool find_cell(const IrradianceView& cache, NodeRequests& requests, int s
       continue;
     }
     complete = requests.complete = false;
-    if (requests.count == NodeRequests::ROOM) requests.keep(requests);
-    requests.at[requests.count] = {node, {0, 0, 0}, {0, 0, 0}};
-    first_hit(p, n, lanes, requests.at[requests.count++]);
+    NodeRequest& request = requests.next_request();
+    request = {node, {0, 0, 0}, {0, 0, 0}};
+    first_hit(p, n, lanes, request);
   }
   return complete;
 }
@@ -171,7 +171,7 @@ inline void find_cells(const IrradianceView& cache, NodeRequests& requests, cons
     Mask cell = (at.face == splat(key.face)) & (place[0] == splat(key.x)) &
                 (place[1] == splat(key.y)) & (place[2] == splat(key.z)) & mask_from_bits(left);
     left &= ~to_bits(cell);
-    CellNodes& known = requests.cells[short_hash(key) % NodeRequests::CELLS];
+    CellNodes& known = requests.cell_of(key);
     if (__builtin_memcmp(&known.key, &key, sizeof key) != 0 &&
         !find_cell(cache, requests, g.shape, key, p, n, to_bits(cell), known)) {
       known.key.geom = -1;
@@ -179,8 +179,7 @@ inline void find_cells(const IrradianceView& cache, NodeRequests& requests, cons
     }
     for (int k = 0; k < 4; k++) out.node[k] = select(cell, splat(known.node[k]), out.node[k]);
     if (!cache.readers) continue;
-    if (requests.reader_count == NodeRequests::ROOM) requests.keep(requests);
-    CellReader& reader = requests.readers[requests.reader_count++];
+    CellReader& reader = requests.next_reader();
     __builtin_memcpy(reader.node, known.node, sizeof reader.node);
     first_hit(p, n, to_bits(cell), reader);
   }
