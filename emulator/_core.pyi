@@ -17,10 +17,11 @@ class CameraBatch:
     them where there are fewer cameras than threads.
     """
 
-    def __init__(self, *, threads: int) -> None:
+    def __init__(self, *, threads: int, start_us: int) -> None:
         """
         Args:
             threads: The number of cameras at once; 0 for one per core.
+            start_us: How much later than the time of their worlds events are stamped.
         """
 
     def add(self, world: int) -> int:
@@ -48,6 +49,22 @@ class CameraBatch:
             seed: The seed of its light's noise.
             clock_us, ticks, all_due: As of `PixelArray.step`.
             tick_us: The length of the last tick.
+        """
+
+    def put_readout(self, camera: int, readout: object, clock: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')], waiting: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], due_ns: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> None:
+        """
+        After `put`: the events of the camera pass through a readout.
+
+        Args:
+            camera: Its number.
+            readout: The Readout.
+            clock: As of `Readout.step`, modified in place from now on.
+            waiting, due_ns: As there.
+        """
+
+    def waiting(self, camera: int) -> tuple:
+        """
+        Return what waits in the readout of a camera: waiting and due_ns of `Readout.step`.
         """
 
     def put_on_device(self, camera: int, frame: object, frame_constant: int, pixels: object, pixel_constant: int, arrays: dict) -> None:
@@ -105,7 +122,7 @@ class CameraBatch:
             geom_pos, geom_mat: (worlds, ng, 3) and (worlds, ng, 9) float64, world frame.
             light_pos, light_dir: (worlds, nl, 3) float64, world frame.
             camera_pos, camera_mat: (cameras, 3) and (cameras, 9) float64, world frame.
-            t_begin_us: (cameras,) int64, the stamp of the tick's start.
+            t_begin_us: (worlds,) int64, the time of each world at the start of the tick.
             tick_us: The length of the tick.
         """
 

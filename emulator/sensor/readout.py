@@ -39,7 +39,7 @@ class Readout:
     def __init__(self, sensor: SensorParameters) -> None:
         """Raises EvsError for a region or a mask that is not on the sensor, and a bad mask file."""
         readout = sensor.readout
-        self._native = _core.Readout(
+        self.native = _core.Readout(
             width=sensor.width,
             height=sensor.height,
             latency_us=sensor.latency_us,
@@ -86,20 +86,12 @@ class Readout:
             EvsError: Events that are not sorted, in the tick and on the sensor, ticks that do not
                 follow each other, a time over MAX_TIME_US, more events than memory.
         """
-        if t_end_us <= t_begin_us:
-            raise EvsError(f"tick ({t_begin_us}, {t_end_us}] us does not go forward")
-        if max(-t_begin_us, t_end_us) > MAX_TIME_US:
-            raise EvsError(f"tick ({t_begin_us}, {t_end_us}] us is beyond {MAX_TIME_US} us")
-        if state.t_us.size and state.t_us[0] != t_begin_us:
-            raise EvsError(
-                f"tick ({t_begin_us}, {t_end_us}] us does not follow the last, which ended at "
-                f"{state.t_us[0]} us; call init of the readout again"
-            )
+        self.check_tick(state, t_begin_us, t_end_us)
         flags = events.flags
         if not (events.dtype == EVENT_DTYPE and flags.c_contiguous and flags.aligned):
             events = join_events([events])
         try:
-            raw, state.waiting, state.due_ns = self._native.step(
+            raw, state.waiting, state.due_ns = self.native.step(
                 events.view(np.uint8),
                 state.clock,
                 state.waiting,
@@ -115,6 +107,18 @@ class Readout:
             ) from None
         state.t_us = np.array([t_end_us], np.int64)
         return raw.view(EVENT_DTYPE), state
+
+    def check_tick(self, state: ReadoutState, t_begin_us: int, t_end_us: int) -> None:
+        """Raises EvsError where a tick does not go forward from the last, or over MAX_TIME_US."""
+        if t_end_us <= t_begin_us:
+            raise EvsError(f"tick ({t_begin_us}, {t_end_us}] us does not go forward")
+        if max(-t_begin_us, t_end_us) > MAX_TIME_US:
+            raise EvsError(f"tick ({t_begin_us}, {t_end_us}] us is beyond {MAX_TIME_US} us")
+        if state.t_us.size and state.t_us[0] != t_begin_us:
+            raise EvsError(
+                f"tick ({t_begin_us}, {t_end_us}] us does not follow the last, which ended at "
+                f"{state.t_us[0]} us; call init of the readout again"
+            )
 
 
 CAUSES = ("roi", "mask", "busy", "scan", "erc", "fifo")

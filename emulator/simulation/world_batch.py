@@ -1,8 +1,8 @@
 """WorldBatch: ticks of many worlds of one model in a few calls, with the bytes of one by one.
 
-MuJoCo steps all physics in one call, and one native call renders all cameras and steps their
-pixels, worlds side by side. A world that is loaded lives here; `settle` puts it back into its
-World.
+MuJoCo steps all physics in one call, and one native call renders all cameras, steps their pixels
+and reads them out, worlds side by side. A world that is loaded lives here; `settle` puts it back
+into its World.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from evs.emulator import _core
 from evs.emulator.base.scene import F64, I32
-from evs.emulator.base.stamps import later_events
 from evs.emulator.camera.camera import Camera, LentCamera
 from evs.emulator.simulation.device_batch import DeviceBatch, fit_together
 from evs.emulator.simulation.world import World
@@ -58,14 +57,13 @@ class WorldBatch:
         """
         first = worlds[0]
         self._worlds, self._tick_us = worlds, first.substeps.tick_us
-        self._start_us = first.start_us
         count = len(first.cameras)
         self._measured = measured
         stage = measured.stage if measured else 0
         self._physics = PhysicsBatch([world.physics for world in worlds], threads, stage)
         bounds = [[camera.bound for camera in world.cameras] for world in worlds]
         self._poses = PoseBatch(self._physics, first.model, bounds)
-        self._native = _core.CameraBatch(threads=threads)
+        self._native = _core.CameraBatch(threads=threads, start_us=first.start_us)
         self._lights: npt.NDArray[np.intp] | None = None
         for place, world in enumerate(worlds):
             for camera in world.cameras:
@@ -79,9 +77,6 @@ class WorldBatch:
         self._count = count
         self._numbers = np.arange(len(worlds) * count, dtype=np.int32).reshape(len(worlds), count)
         """of each world's cameras in the native batch"""
-        self._reads = [_lent(camera).pixels.readout is not None for camera in first.cameras]
-        self._at_once = ~np.array(self._reads, bool)
-        """cameras without a readout"""
         self._lent: dict[int, list[LentCamera]] = {}
         """of the worlds that are loaded"""
         self._ticks = np.zeros(len(worlds), np.int64)
@@ -90,8 +85,6 @@ class WorldBatch:
         """in them, by camera"""
         self._places = self._physics.places
         """one tick ago"""
-        self._read: list[list[list[Events]]] = [[[] for _ in worlds] for _ in range(count)]
-        """by camera and world: read out since `take`"""
 
     def load(self, world: int) -> None:
         """Take a world in, if it is not. Its cameras take their reference if they have none."""
@@ -114,6 +107,13 @@ class WorldBatch:
                 ticks=state.ticks,
                 all_due=bool(state.all_due),
             )
+            read, readout = parts.pixels.read, parts.pixels.readout
+            if readout is not None and read is not None:
+                t_us = one.physics.t_us
+                readout.check_tick(read, t_us, t_us + self._tick_us)
+                self._native.put_readout(
+                    number, readout.native, read.clock, read.waiting, read.due_ns
+                )
             if self._device is not None:
                 self._device.put(number, parts)
         self._physics.load(world)
@@ -135,6 +135,10 @@ class WorldBatch:
             state.clock_us, state.tick_us, state.ticks, clamped = self._native.numbers(number)
             state.clamped += clamped
             state.all_due = 0 if ticks else state.all_due
+            read = parts.pixels.read
+            if read is not None and ticks:
+                read.waiting, read.due_ns = self._native.waiting(number)
+                read.t_us = np.array([self._physics.t_us_of(world)], np.int64)
         if not ticks:
             return
         self._physics.settle(world)
@@ -165,7 +169,7 @@ class WorldBatch:
             Why physics broke down, by world; these have not moved.
 
         Raises:
-            EvsError: More events than memory.
+            EvsError: More events than memory, or what waits in a readout does not fit its sensor.
         """
         places = self._physics.places
         failed = self._physics.advance(which)
@@ -182,40 +186,23 @@ class WorldBatch:
         if lights is not None:
             light_pos = np.ascontiguousarray(light_pos[:, lights])
             light_dir = np.ascontiguousarray(light_dir[:, lights])
-        # the readout goes by the world's own time
-        begin_us = np.repeat((end_us - self._tick_us)[:, None], self._count, axis=1)
-        begin_us[:, self._at_once] += self._start_us
-        numbers, stamps = self._numbers[which].reshape(-1), begin_us.reshape(-1)
+        numbers, begin_us = self._numbers[which].reshape(-1), end_us - self._tick_us
         placed = (
             *(poses.geom_pos, poses.geom_mat, light_pos, light_dir),
             *(poses.camera_pos.reshape(-1, 3), poses.camera_mat.reshape(-1, 9)),
         )
         try:
             if self._device is not None:
-                self._device.step(numbers, placed, stamps, self._tick_us)
+                self._device.step(numbers, placed, begin_us, self._tick_us)
             else:
-                self._native.step(numbers, *placed, stamps, self._tick_us)
+                self._native.step(numbers, *placed, begin_us, self._tick_us)
         except MemoryError:
             raise EvsError(
                 "the events of a tick do not fit in memory; raise the thresholds"
             ) from None
-        for camera, read in enumerate(self._reads):
-            if read:
-                self._read_out(camera, which, end_us)
+        except ValueError as reason:
+            raise EvsError(str(reason)) from None
         return failed
-
-    def _read_out(self, camera: int, which: I32, end_us: I64) -> None:
-        """Pass the events of a tick through the readouts of a camera."""
-        events, offsets = self._take(self._numbers[which, camera])
-        for k, world in enumerate(which.tolist()):
-            pixels = self._lent[world][camera].pixels
-            assert pixels.readout is not None
-            assert pixels.read is not None
-            until_us = int(end_us[world])
-            tick = events[offsets[k] : offsets[k + 1]]
-            out, _ = pixels.readout.step(tick, pixels.read, until_us - self._tick_us, until_us)
-            if len(out):
-                self._read[camera][world].append(later_events(out, self._start_us))
 
     def take(self, camera: int) -> tuple[Events, I64]:
         """The events of a camera since the last call.
@@ -226,20 +213,9 @@ class WorldBatch:
         Returns:
             (N,) events, world after world; (n + 1,) where those of each world begin.
         """
-        if not self._reads[camera]:
-            events, offsets = self._take(np.ascontiguousarray(self._numbers[:, camera]))
-        else:
-            parts = self._read[camera]
-            self._read[camera] = [[] for _ in parts]
-            events, offsets = stacked(
-                [part for world in parts for part in world],
-                [sum(map(len, world)) for world in parts],
-            )
+        numbers = np.ascontiguousarray(self._numbers[:, camera])
+        raw, offsets = self._native.take_events(numbers)
         self._events[:, camera] += np.diff(offsets)
-        return events, offsets
-
-    def _take(self, numbers: I32) -> tuple[Events, I64]:
-        raw, offsets = self._native.take_events(np.ascontiguousarray(numbers))
         return raw.view(EVENT_DTYPE), offsets
 
 

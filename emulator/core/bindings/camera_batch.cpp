@@ -4,9 +4,12 @@
 #include <nanobind/ndarray.h>
 
 #include <cstring>
+#include <stdexcept>
+#include <string>
 #include <vector>
 
 #include "bound_device.h"
+#include "bound_readout.h"
 
 namespace evs {
 namespace {
@@ -15,7 +18,7 @@ using Offsets = nb::ndarray<nb::numpy, int64_t, nb::ndim<1>>;
 
 class CameraBatch {
  public:
-  explicit CameraBatch(int threads) : pool_(threads) {}
+  CameraBatch(int threads, int64_t start_us) : pool_(threads), start_us_(start_us) {}
 
   int add(int world) {
     require(world >= 0, "the world's number");
@@ -63,6 +66,26 @@ class CameraBatch {
     camera.all_due = all_due;
     camera.clamped = 0;
     camera.events.clear();
+    camera.readout = nullptr;
+  }
+
+  // A camera whose events pass through a readout.
+  void put_readout(int index, nb::object readout, ClockArray clock, BytesIn waiting,
+                   TimesIn due_ns) {
+    Camera& camera = cameras_.at(static_cast<size_t>(index));
+    require(camera.caster != nullptr, "a camera without its caster");
+    BoundReadout* bound = nb::cast<BoundReadout*>(readout);
+    camera.waiting = BoundReadout::requests_of(clock, waiting, due_ns);
+    camera.readout = bound;
+    camera.clock = clock.data();
+    camera.keep_readout = nb::make_tuple(readout, clock);
+  }
+
+  // What waits in the readout of a camera now.
+  nb::tuple waiting(int index) const {
+    const Camera& camera = cameras_.at(static_cast<size_t>(index));
+    auto [events, times] = BoundReadout::arrays_of(camera.waiting);
+    return nb::make_tuple(events, times);
   }
 
   // A camera whose frames are rendered and whose pixels are stepped on a device.
@@ -94,7 +117,7 @@ class CameraBatch {
             int64_t tick_us) {
     const AllPoses poses =
         checked_poses(which, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
-    require(t_begin_us.shape(0) == cameras_.size(), "one time for each camera");
+    require(t_begin_us.shape(0) == geom_pos.shape(0), "one time for each world");
     BoundPixels::check_tick_us(tick_us);
     GilRelease release;
     pool_.run(static_cast<int>(which.shape(0)), [&](int job, int) {
@@ -109,9 +132,10 @@ class CameraBatch {
       Tick tick{camera.luminance, camera.clock_us, static_cast<uint32_t>(tick_us)};
       tick.all_due = camera.all_due;
       size_t clamped = 0;
-      const EventBuffer found =
-          camera.pixels->step(camera.arrays, tick, t_begin_us.data()[index], camera.ticks, clamped);
-      camera.count(found, clamped, tick_us);
+      const int64_t begin_us = t_begin_us.data()[camera.world];
+      const EventBuffer found = camera.pixels->step(
+          camera.arrays, tick, camera.stamps_from(begin_us, start_us_), camera.ticks, clamped);
+      camera.take(found, clamped, begin_us, tick_us, start_us_);
     });
   }
 
@@ -168,12 +192,10 @@ class CameraBatch {
   void take_tick(In<int32_t, N> which, In<uint8_t, N> crossings, In<uint32_t, N> begins,
                  In<int64_t, N> clamped, In<int64_t, N> t_begin_us, int64_t tick_us) {
     const size_t jobs = which.shape(0);
-    require(begins.shape(0) == jobs + 1 && clamped.shape(0) == jobs &&
-                t_begin_us.shape(0) == cameras_.size(),
-            "one number for each camera");
+    require(begins.shape(0) == jobs + 1 && clamped.shape(0) == jobs, "one number for each camera");
     const size_t count = crossings.shape(0) / sizeof(Crossing);
     for (size_t k = 0; k < jobs; k++) {
-      checked(which, k);
+      require(checked(which, k).world < t_begin_us.shape(0), "one time for each world");
       require(begins.data()[k] <= begins.data()[k + 1] && begins.data()[k + 1] <= count,
               "crossings camera after camera");
     }
@@ -188,10 +210,11 @@ class CameraBatch {
         std::memcpy(parts[0].data(), crossings.data() + begins.data()[k] * sizeof(Crossing),
                     parts[0].size() * sizeof(Crossing));
       }
-      const EventBuffer found =
-          order_events(parts, t_begin_us.data()[index], static_cast<uint32_t>(tick_us),
-                       static_cast<uint32_t>(camera.pixels->width()), camera.pixels->causes());
-      camera.count(found, static_cast<size_t>(clamped.data()[k]), tick_us);
+      const int64_t begin_us = t_begin_us.data()[camera.world];
+      const EventBuffer found = order_events(
+          parts, camera.stamps_from(begin_us, start_us_), static_cast<uint32_t>(tick_us),
+          static_cast<uint32_t>(camera.pixels->width()), camera.pixels->causes());
+      camera.take(found, static_cast<size_t>(clamped.data()[k]), begin_us, tick_us, start_us_);
     });
   }
 
@@ -238,15 +261,42 @@ class CameraBatch {
     std::vector<Event> events;
     nb::object keep;  // what owns the memory above
     Device device;
+    BoundReadout* readout = nullptr;  // null: every event passes at its own time
+    int64_t* clock = nullptr;         // of its state
+    std::vector<Request> waiting;
+    nb::object keep_readout;
+
+    // What the stamps of the pixels count from: those of a readout are the world's own.
+    int64_t stamps_from(int64_t begin_us, int64_t start_us) const {
+      return readout ? begin_us : begin_us + start_us;
+    }
 
     // A tick is over, in which so many pixels were clamped.
-    void count(const EventBuffer& found, size_t bad, int64_t us) {
-      events.insert(events.end(), found.events.get(), found.events.get() + found.count);
+    void take(const EventBuffer& found, size_t bad, int64_t begin_us, int64_t us,
+              int64_t start_us) {
+      if (readout) {
+        read_out(found, begin_us, begin_us + us, start_us);
+      } else {
+        events.insert(events.end(), found.events.get(), found.events.get() + found.count);
+      }
       clamped += static_cast<int64_t>(bad);
       tick_us = us;
       clock_us += us;
       ticks++;
       all_due = false;
+    }
+
+    void read_out(const EventBuffer& found, int64_t begin_us, int64_t end_us, int64_t start_us) {
+      std::vector<Event> out;
+      try {
+        if (end_us > kMaxTimeUs) throw std::invalid_argument("time is over 2^52 us");
+        readout->step(found.events.get(), found.count, clock, waiting, begin_us, end_us, out);
+      } catch (const std::invalid_argument& reason) {
+        throw std::invalid_argument("readout of tick (" + std::to_string(begin_us) + ", " +
+                                    std::to_string(end_us) + "] us: " + reason.what());
+      }
+      for (Event& event : out) event.t += start_us;
+      events.insert(events.end(), out.begin(), out.end());
     }
   };
   // The poses of all worlds and cameras.
@@ -314,7 +364,11 @@ class CameraBatch {
     return nb::cast<Array<T, 2>>(state[name], false);
   }
 
+  // as MAX_TIME_US of emulator/sensor/readout.py
+  static constexpr int64_t kMaxTimeUs = int64_t{1} << 52;
+
   ThreadPool pool_;
+  int64_t start_us_;
   std::vector<Camera> cameras_;
 };
 
@@ -326,9 +380,10 @@ void bind_camera_batch(nb::module_& m) {
                           "\n"
                           "Each has its own caster and pixels, made for one thread, or for all of\n"
                           "them where there are fewer cameras than threads.")
-      .def(nb::init<int>(), nb::kw_only(), nb::arg("threads"),
+      .def(nb::init<int, int64_t>(), nb::kw_only(), nb::arg("threads"), nb::arg("start_us"),
            "Args:\n"
-           "    threads: The number of cameras at once; 0 for one per core.")
+           "    threads: The number of cameras at once; 0 for one per core.\n"
+           "    start_us: How much later than the time of their worlds events are stamped.")
       .def("add", &CameraBatch::add, nb::arg("world"),
            "Add a camera.\n"
            "\n"
@@ -353,6 +408,18 @@ void bind_camera_batch(nb::module_& m) {
            "    seed: The seed of its light's noise.\n"
            "    clock_us, ticks, all_due: As of `PixelArray.step`.\n"
            "    tick_us: The length of the last tick.")
+      .def("put_readout", &CameraBatch::put_readout, nb::arg("camera"), nb::arg("readout"),
+           nb::arg("clock").noconvert(), nb::arg("waiting").noconvert(),
+           nb::arg("due_ns").noconvert(),
+           "After `put`: the events of the camera pass through a readout.\n"
+           "\n"
+           "Args:\n"
+           "    camera: Its number.\n"
+           "    readout: The Readout.\n"
+           "    clock: As of `Readout.step`, modified in place from now on.\n"
+           "    waiting, due_ns: As there.")
+      .def("waiting", &CameraBatch::waiting, nb::arg("camera"),
+           "Return what waits in the readout of a camera: waiting and due_ns of `Readout.step`.")
       .def("put_on_device", &CameraBatch::put_on_device, nb::arg("camera"), nb::arg("frame"),
            nb::arg("frame_constant"), nb::arg("pixels"), nb::arg("pixel_constant"),
            nb::arg("arrays"),
@@ -406,7 +473,7 @@ void bind_camera_batch(nb::module_& m) {
            "    geom_pos, geom_mat: (worlds, ng, 3) and (worlds, ng, 9) float64, world frame.\n"
            "    light_pos, light_dir: (worlds, nl, 3) float64, world frame.\n"
            "    camera_pos, camera_mat: (cameras, 3) and (cameras, 9) float64, world frame.\n"
-           "    t_begin_us: (cameras,) int64, the stamp of the tick's start.\n"
+           "    t_begin_us: (worlds,) int64, the time of each world at the start of the tick.\n"
            "    tick_us: The length of the tick.")
       .def("take_events", &CameraBatch::take_events, nb::arg("which"),
            "Take the events of some cameras since the last call.\n"

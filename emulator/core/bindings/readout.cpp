@@ -4,82 +4,20 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 
-#include <cstring>
-#include <memory>
 #include <optional>
 
-#include "gil.h"
-#include "readout.h"
+#include "bound_readout.h"
 
 namespace nb = nanobind;
 
 namespace evs {
 namespace {
 
-using BytesIn = nb::ndarray<const uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using FatesIn = nb::ndarray<const uint8_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-using TimesIn = nb::ndarray<const int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using ClockArray = nb::ndarray<int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Bytes = nb::ndarray<nb::numpy, uint8_t, nb::ndim<1>>;
-using Times = nb::ndarray<nb::numpy, int64_t, nb::ndim<1>>;
 
 void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(what);
 }
-
-// A Python array that owns the memory of a vector.
-template <class Array, class T>
-Array owned(std::vector<T>&& values) {
-  auto storage = std::make_unique<std::vector<T>>(std::move(values));
-  nb::capsule owner(storage.get(),
-                    [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
-  std::vector<T>* memory = storage.release();
-  const size_t count = memory->size() * sizeof(T) / sizeof(typename Array::Scalar);
-  return Array(memory->data(), {count}, owner);
-}
-
-class BoundReadout {
- public:
-  explicit BoundReadout(ReadoutSettings settings) : readout_(std::move(settings)) {}
-
-  nb::tuple step(BytesIn events, ClockArray clock, BytesIn waiting, TimesIn due_ns,
-                 int64_t t_begin_us, int64_t t_end_us) {
-    require(events.shape(0) % sizeof(Event) == 0, "events are 16 bytes each");
-    require(clock.shape(0) == ClockSize, "the clock has another length");
-    require(waiting.shape(0) == due_ns.shape(0) * sizeof(Event), "each event waits for a moment");
-    // step a copy of the state, which stays as it is if an error is thrown
-    ReadoutClock numbers;
-    std::memcpy(numbers, clock.data(), sizeof(numbers));
-    std::vector<Request> requests(due_ns.shape(0));
-    for (size_t i = 0; i < requests.size(); i++) {
-      requests[i].ns = due_ns.data()[i];
-      std::memcpy(&requests[i].event, waiting.data() + i * sizeof(Event), sizeof(Event));
-    }
-    std::vector<Event> out, left;
-    std::vector<int64_t> times;
-    {
-      // release the GIL only for many events: a few take less time than to acquire it again
-      std::optional<GilRelease> release;
-      if (events.shape(0) + waiting.shape(0) > kFew * sizeof(Event)) release.emplace();
-      readout_.step(reinterpret_cast<const Event*>(events.data()), events.shape(0) / sizeof(Event),
-                    numbers, requests, t_begin_us, t_end_us, out);
-      left.reserve(requests.size());
-      times.reserve(requests.size());
-      for (const Request& request : requests) {
-        left.push_back(request.event);
-        times.push_back(request.ns);
-      }
-    }
-    std::memcpy(clock.data(), numbers, sizeof(numbers));
-    return nb::make_tuple(owned<Bytes>(std::move(out)), owned<Bytes>(std::move(left)),
-                          owned<Times>(std::move(times)));
-  }
-
- private:
-  static constexpr size_t kFew = 1000;
-
-  Readout readout_;
-};
 
 BoundReadout* make_readout(int width, int height, double latency_us, double latency_sigma_us,
                            const std::string& order, int64_t row_ns, int64_t column_ns,
@@ -159,9 +97,9 @@ void bind_readout(nb::module_& m) {
            "        read.\n"
            "    fates: (height, width) uint8: 0 outside the ROI, 1 masked, 255 read out;\n"
            "        None reads out every pixel.")
-      .def("step", &BoundReadout::step, nb::arg("events").noconvert(), nb::arg("clock").noconvert(),
-           nb::arg("waiting").noconvert(), nb::arg("due_ns").noconvert(), nb::arg("t_begin_us"),
-           nb::arg("t_end_us"),
+      .def("step", &BoundReadout::step_tick, nb::arg("events").noconvert(),
+           nb::arg("clock").noconvert(), nb::arg("waiting").noconvert(),
+           nb::arg("due_ns").noconvert(), nb::arg("t_begin_us"), nb::arg("t_end_us"),
            "Read out the events of one tick.\n"
            "\n"
            "Args:\n"

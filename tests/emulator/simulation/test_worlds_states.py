@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from evs.emulator import ClosedLoop, World, Worlds
-from evs.emulator.config import ModelConfig, SensorConfig
+from evs.emulator.config import ModelConfig, ReadoutConfig, SensorConfig
+from evs.emulator.state.blob import pack, unpack
 from evs.msgs import EvsError
 from reference.worlds_alone import (
     SWING,
@@ -44,6 +45,16 @@ def moving(count: int = 4, ticks: int = 3, **options: Any) -> tuple[Worlds, Alon
 
 def push(number: int, world: World) -> None:
     world.data.qvel[:] = 5.0 + number
+
+
+def moving_with_slow_link() -> tuple[Worlds, Alone]:
+    """Worlds whose cameras still have events to send."""
+    slow = replace(SMALL, readout=ReadoutConfig(bandwidth_mevs=0.02, fifo=40, stamp="sent"))
+    worlds, alone = both(model(), 3, [{"camera": "left", "sensor": slow}], control="random")
+    change_both(worlds, alone, push)
+    assert step_both(worlds, alone, ticks=4) > 0
+    assert all(worlds.world(number).cameras[0].events_waiting > 0 for number in range(3))
+    return worlds, alone
 
 
 @pytest.mark.parametrize("which", [None, [0], [3, 1], [], np.array([2, 0])], ids=str)
@@ -174,6 +185,19 @@ def test_states_go_from_worlds_to_worlds_and_to_world_and_back() -> None:
     back = [alone.each[number].save() for number in (1, 0)]
     worlds.restore(back, [0, 2])
     assert worlds.save([0, 2]) == back
+
+
+def test_what_waits_in_a_readout_is_sent_by_who_goes_on() -> None:
+    worlds, alone = moving_with_slow_link()
+    assert_same_states(worlds, alone)
+    step_both(worlds, alone, ticks=[2, 0, 1])
+    saved = worlds.save()
+    assert step_both(worlds, alone, ticks=2) > 0
+    worlds.restore(saved)
+    for world, state in zip(alone.each, saved, strict=True):
+        world.restore(state)
+    assert step_both(worlds, alone, ticks=3) > 0
+    assert_same_states(worlds, alone)
 
 
 def test_controls_that_were_given_are_saved() -> None:
@@ -393,6 +417,25 @@ def test_worlds_before_a_damaged_state_are_not_restored(pair: Worlds) -> None:
     refused(lambda: pair.restore([before[0], damaged(before[1])]), "damaged")
     assert pair.save() == after
     pair.restore(before)
+
+
+@pytest.mark.parametrize(
+    ("name", "spoil", "match"),
+    [
+        ("waiting", lambda waiting: waiting + 255, "an event is not on the sensor"),
+        ("clock", lambda clock: clock + 1000 * (np.arange(24) == 12), "of a sensor with more rows"),
+        ("t_us", lambda t_us: t_us - 1, "us does not follow the last, which ended at"),
+    ],
+)
+def test_a_readout_that_cannot_go_on_is_one_line(
+    name: str, spoil: Callable[[Any], Any], match: str
+) -> None:
+    worlds, _ = moving_with_slow_link()
+    about, arrays = unpack(worlds.save([1])[0])
+    place = f"cameras.0.pixels.readout.{name}"
+    assert arrays[place].any()
+    worlds.restore([pack(about, {**arrays, place: spoil(arrays[place])})], [1])
+    refused(worlds.step, match)
 
 
 BAD_WORLDS: dict[str, tuple[dict[str, Any], str]] = {

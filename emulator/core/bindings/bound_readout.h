@@ -1,0 +1,104 @@
+// Shared by the bindings of the readout: a readout, and its state as Python has it.
+#pragma once
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <cstring>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "bound_pixels.h"
+#include "gil.h"
+#include "readout.h"
+
+namespace nb = nanobind;
+
+namespace evs {
+
+using BytesIn = nb::ndarray<const uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using TimesIn = nb::ndarray<const int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using ClockArray = nb::ndarray<int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Times = nb::ndarray<nb::numpy, int64_t, nb::ndim<1>>;
+
+// A Python array that owns the memory of a vector.
+template <class Out, class T>
+Out owned(std::vector<T>&& values) {
+  auto storage = std::make_unique<std::vector<T>>(std::move(values));
+  nb::capsule owner(storage.get(),
+                    [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
+  std::vector<T>* memory = storage.release();
+  const size_t count = memory->size() * sizeof(T) / sizeof(typename Out::Scalar);
+  return Out(memory->data(), {count}, owner);
+}
+
+class BoundReadout {
+ public:
+  explicit BoundReadout(ReadoutSettings settings) : readout_(std::move(settings)) {}
+
+  // What waits, as Python has it. Throws std::invalid_argument where a state has another size.
+  static std::vector<Request> requests_of(const ClockArray& clock, const BytesIn& waiting,
+                                          const TimesIn& due_ns) {
+    if (clock.shape(0) != ClockSize) {
+      throw std::invalid_argument("the clock has another length");
+    }
+    if (waiting.shape(0) != due_ns.shape(0) * sizeof(Event)) {
+      throw std::invalid_argument("each event waits for a moment");
+    }
+    std::vector<Request> requests(due_ns.shape(0));
+    for (size_t i = 0; i < requests.size(); i++) {
+      requests[i].ns = due_ns.data()[i];
+      std::memcpy(&requests[i].event, waiting.data() + i * sizeof(Event), sizeof(Event));
+    }
+    return requests;
+  }
+
+  // The same for Python: events that wait, and the moment of each.
+  static std::pair<Bytes, Times> arrays_of(const std::vector<Request>& requests) {
+    std::vector<Event> left;
+    std::vector<int64_t> times;
+    left.reserve(requests.size());
+    times.reserve(requests.size());
+    for (const Request& request : requests) {
+      left.push_back(request.event);
+      times.push_back(request.ns);
+    }
+    return {owned<Bytes>(std::move(left)), owned<Times>(std::move(times))};
+  }
+
+  // Read out the events of a tick; needs no GIL. In/out: the clock, which stays as it is if an
+  // error is thrown, and what waits. Out: the events that are handed out.
+  void step(const Event* events, size_t count, int64_t* clock, std::vector<Request>& requests,
+            int64_t t_begin_us, int64_t t_end_us, std::vector<Event>& out) {
+    ReadoutClock numbers;
+    std::memcpy(numbers, clock, sizeof(numbers));
+    readout_.step(events, count, numbers, requests, t_begin_us, t_end_us, out);
+    std::memcpy(clock, numbers, sizeof(numbers));
+  }
+
+  nb::tuple step_tick(BytesIn events, ClockArray clock, BytesIn waiting, TimesIn due_ns,
+                      int64_t t_begin_us, int64_t t_end_us) {
+    if (events.shape(0) % sizeof(Event) != 0) {
+      throw std::invalid_argument("events are 16 bytes each");
+    }
+    std::vector<Request> requests = requests_of(clock, waiting, due_ns);
+    std::vector<Event> out;
+    {
+      // release the GIL only for many events: a few take less time than to acquire it again
+      std::optional<GilRelease> release;
+      if (events.shape(0) + waiting.shape(0) > kFew * sizeof(Event)) release.emplace();
+      step(reinterpret_cast<const Event*>(events.data()), events.shape(0) / sizeof(Event),
+           clock.data(), requests, t_begin_us, t_end_us, out);
+    }
+    auto [left, times] = arrays_of(requests);
+    return nb::make_tuple(owned<Bytes>(std::move(out)), left, times);
+  }
+
+ private:
+  static constexpr size_t kFew = 1000;
+
+  Readout readout_;
+};
+
+}  // namespace evs
