@@ -80,17 +80,18 @@ class CameraBatch:
             arrays: Where each array of their state lies, by name.
         """
 
-    def lay_out(self, which: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], tick_us: int, *, tick: int, luminance: int, crossings: int, crossing_room: int, candidates: int, candidate_room: int, counts: int, staged: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')], frames: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')], pixels: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')]) -> None:
+    def lay_out(self, which: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], tick_us: int, *, first: int, tick: int, luminance: int, crossings: int, crossing_room: int, candidates: int, candidate_room: int, counts: int, staged: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')], frames: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')], pixels: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')]) -> None:
         """
         Write what a device needs for a tick of some cameras.
 
         Args:
             which, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat, tick_us:
                 As of `step`.
+            first: How many cameras of this tick were laid out before.
             tick: Where `staged` will lie on the device.
             luminance: Where the light of all cameras, (n, h, w) float32, will.
             crossings, crossing_room, candidates, candidate_room, counts: As of
-                DevicePixels.copy_arguments, camera after camera.
+                DevicePixels.copy_arguments, camera after camera of the tick.
             staged: (k, tick_bytes of the largest) uint8, the output: what the tick changes.
             frames: (k, argument_bytes + 8) uint8, the output: a frame, and where its light goes.
             pixels: (k, argument_bytes) uint8, the output: arguments of the pixels.

@@ -1,4 +1,4 @@
-"""DeviceBatch: the cameras of many worlds on a GPU, all of them in one launch of each kernel."""
+"""DeviceBatch: the cameras of many worlds on a GPU, many of them in one launch of each kernel."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from evs.emulator import _core
 from evs.emulator.base.gpu.arrays import ALIGNMENT, layout_of, take_from_device
 from evs.emulator.base.gpu.compiler import kernels_of
-from evs.emulator.base.gpu.driver import DeviceMemory, DevicePart, the_gpu
+from evs.emulator.base.gpu.driver import DevicePart, the_gpu
 from evs.emulator.base.scene import F64, I32
 from evs.emulator.camera.camera import LentCamera
 from evs.emulator.render.gpu.scene import THREADS as IMAGE_THREADS
@@ -24,6 +24,9 @@ from evs.emulator.sensor.gpu.pixel import (
     pixel_kernels,
 )
 from evs.emulator.sensor.pixel import BLOCK
+
+AT_ONCE = 256
+"""cameras that are placed in one go, while the GPU renders those before them"""
 
 Poses = tuple[F64, F64, F64, F64, F64, F64]
 """as `_core.CameraBatch.step` takes them"""
@@ -50,6 +53,10 @@ class DeviceBatch:
         """kernels of light by channels"""
         self._stride = 0
         """bytes of the state of a camera"""
+        self._row_bytes = (0, 0)
+        """of what a tick of a camera changes, and of its frame and where its light goes"""
+        self._is_kept = False
+        """whether `_kept` has all states as they are"""
 
     def put(self, camera: int, lent: LentCamera) -> None:
         """Take a camera in, after `put` of the native batch.
@@ -70,6 +77,7 @@ class DeviceBatch:
             (kernel,) = kernels_of(self._gpu, "render/direct", ("direct_of_many",), macros)
             self._renders[scene.channels] = kernel
         self._lent[camera] = lent
+        self._make_room(scene)
         arrays = state.fetched().arrays()
         offsets, _ = layout_of(arrays)
         for name, array in arrays.items():
@@ -78,6 +86,7 @@ class DeviceBatch:
         slot = self._slot(camera)
         self._gpu.upload(slot, self._state)
         self._gpu.wait()
+        self._is_kept = False
         pattern = model.pattern_on_device(state.numbers.seed)
         self._native.put_on_device(
             camera,
@@ -132,56 +141,71 @@ class DeviceBatch:
         gpu, count, scratch = self._gpu, len(which), self._scratch
         gpu.use()
         step, place, pack = pixel_kernels(gpu, self._terms, many=True)
-        self._make_room(max(_parts(self._lent[c])[0].layout.tick_bytes for c in which.tolist()))
-        blocks = count * self._blocks
-        gpu.copy(self._kept, self._states, self._cameras * self._stride)
-        rendered = stepped = False
-        while True:
+        blocks, every_state = count * self._blocks, self._cameras * self._stride
+        if not self._is_kept:
+            gpu.copy(self._kept, self._states, every_state)
+        self._is_kept = False
+        self._lay_out(which, poses, tick_us, render=True)
+        self._step_pixels(step, count)
+        found = scratch.pack(place, pack, blocks)
+        while scratch.is_short(found):
+            # again, with room for what a block needs
+            gpu.copy(self._states, self._kept, every_state)
+            scratch.make_blocks(found)
+            self._lay_out(which, poses, tick_us, render=False)
+            self._step_pixels(step, count)
+            found = scratch.pack(place, pack, blocks)
+        if found.crossings > scratch.room:
+            scratch.make_room(found.crossings)
+            found = scratch.pack(place, pack, blocks)
+        begins = np.append(scratch.offsets_of(blocks)[:: self._blocks], np.uint32(found.crossings))
+        clamped = np.zeros(count, np.int64)
+        if found.clamped:
+            clamped = scratch.clamped_of(blocks).reshape(count, -1).sum(1, dtype=np.int64)
+        crossings = scratch.packed(found.crossings)
+        # those of the next tick, while the CPU goes on
+        gpu.copy(self._kept, self._states, every_state)
+        self._is_kept = True
+        self._native.take_tick(which, crossings, begins, clamped, t_begin_us, tick_us)
+
+    def _lay_out(self, which: I32, poses: Poses, tick_us: int, *, render: bool) -> None:
+        """Place everything, and upload what the kernels read; launch those of light if `render`."""
+        gpu, scratch, here = self._gpu, self._scratch, self._frames_here
+        tick_bytes, frame_bytes = self._row_bytes
+        stride = np.array([frame_bytes], np.uint32)
+        for number, begin in enumerate(range(0, len(which), AT_ONCE)):
+            part = which[begin : begin + AT_ONCE]
+            at = number * self._part_bytes
+            frames_at = at + len(part) * tick_bytes
+            end = frames_at + len(part) * frame_bytes
             self._native.lay_out(
-                which,
+                part,
                 *poses,
                 tick_us,
-                tick=self._tick.address,
+                first=begin,
+                tick=self._frames.address + at,
                 luminance=self._light.address,
                 crossings=scratch.slots.address,
                 crossing_room=scratch.crossings,
                 candidates=scratch.drawn.address,
                 candidate_room=scratch.candidates,
                 counts=scratch.counts.address,
-                staged=self._staged,
-                frames=self._frames_here,
-                pixels=self._pixels_here,
+                staged=here[at:frames_at].reshape(-1, tick_bytes),
+                frames=here[frames_at:end].reshape(-1, frame_bytes),
+                pixels=self._pixels_here[begin : begin + len(part)],
             )
-            if not rendered:
-                gpu.upload(self._tick, self._staged[:count])
-                gpu.upload(self._frames, self._frames_here[:count])
-                stride = np.array([self._frames_here.shape[1]], np.uint32)
-                frames = self._frames.argument
+            if render:
+                gpu.upload(DevicePart(self._frames.address + at), here[at:end])
+                frames = np.array([self._frames.address + frames_at], np.uint64)
                 for kernel in self._renders.values():
-                    gpu.launch(kernel, (*self._grid, count), IMAGE_THREADS, frames, stride)
-                rendered = True
-            if not stepped:
-                gpu.upload(self._pixels, self._pixels_here[:count])
-                grid = (-(-self._blocks // THREADS), count, 1)
-                stride = np.array([self._pixels_here.shape[1]], np.uint32)
-                gpu.launch(step, grid, THREADS, self._pixels.argument, stride)
-                stepped = True
-            found = scratch.pack(place, pack, blocks)
-            if scratch.is_short(found):
-                # again, with room for what a block needs
-                gpu.copy(self._states, self._kept, self._cameras * self._stride)
-                scratch.make_blocks(found)
-                stepped = False
-            elif found.crossings > scratch.room:
-                scratch.make_room(found.crossings)
-            else:
-                break
-        begins = np.append(scratch.offsets_of(blocks)[:: self._blocks], np.uint32(found.crossings))
-        clamped = np.zeros(count, np.int64)
-        if found.clamped:
-            clamped = scratch.clamped_of(blocks).reshape(count, -1).sum(1, dtype=np.int64)
-        crossings = scratch.packed(found.crossings)
-        self._native.take_tick(which, crossings, begins, clamped, t_begin_us, tick_us)
+                    gpu.launch(kernel, (*self._grid, len(part)), IMAGE_THREADS, frames, stride)
+        gpu.upload(self._pixels, self._pixels_here[: len(which)])
+
+    def _step_pixels(self, kernel: object, count: int) -> None:
+        """Launch the kernel that steps the pixels of so many cameras."""
+        grid = (-(-self._blocks // THREADS), count, 1)
+        stride = np.array([self._pixels_here.shape[1]], np.uint32)
+        self._gpu.launch(kernel, grid, THREADS, self._pixels.argument, stride)
 
     def _slot(self, camera: int) -> DevicePart:
         """Where the state of a camera lies."""
@@ -199,22 +223,23 @@ class DeviceBatch:
         self._light = gpu.allocate(cameras * scene.luminance.nbytes)
         self._scratch = PixelScratch(gpu, cameras * self._blocks)
         self._grid = scene.blocks
-        # and where its light goes
-        frame_bytes = scene.layout.argument_bytes + 8
         pixel_bytes = model.pattern_on_device(0).layout.argument_bytes
-        self._frames_here = gpu.pinned((cameras, frame_bytes), np.uint8)
         self._pixels_here = gpu.pinned((cameras, pixel_bytes), np.uint8)
-        self._frames = gpu.allocate(cameras * frame_bytes)
         self._pixels = gpu.allocate(cameras * pixel_bytes)
-        self._staged: npt.NDArray[np.uint8] = np.empty((0, 0), np.uint8)
-        self._tick: DeviceMemory
 
-    def _make_room(self, tick_bytes: int) -> None:
-        """Make room for what a tick of each camera changes."""
-        if self._staged.shape[1] < tick_bytes:
-            tick_bytes = -(-tick_bytes // ALIGNMENT) * ALIGNMENT
-            self._staged = self._gpu.pinned((self._cameras, tick_bytes), np.uint8)
-            self._tick = self._gpu.allocate(self._staged.nbytes)
+    def _make_room(self, scene: UploadedScene) -> None:
+        """Make room for what a tick of each camera changes and for its frame, part after part."""
+        if scene.layout.tick_bytes > self._row_bytes[0]:
+            tick_bytes = _aligned(scene.layout.tick_bytes)
+            self._row_bytes = tick_bytes, scene.layout.argument_bytes + 8
+            self._part_bytes = _aligned(AT_ONCE * sum(self._row_bytes))
+            size = -(-self._cameras // AT_ONCE) * self._part_bytes
+            self._frames_here = self._gpu.pinned((size,), np.uint8)
+            self._frames = self._gpu.allocate(size)
+
+
+def _aligned(size: int) -> int:
+    return -(-size // ALIGNMENT) * ALIGNMENT
 
 
 def fit_together(one: LentCamera, other: LentCamera) -> bool:

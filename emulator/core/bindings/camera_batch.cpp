@@ -143,9 +143,10 @@ class CameraBatch {
   void lay_out(In<int32_t, N> which, In<double, N, N, 3> geom_pos, In<double, N, N, 9> geom_mat,
                In<double, N, N, 3> light_pos, In<double, N, N, 3> light_dir,
                In<double, N, 3> camera_pos, In<double, N, 9> camera_mat, int64_t tick_us,
-               uint64_t tick, uint64_t luminance, uint64_t crossings, uint32_t crossing_room,
-               uint64_t candidates, uint32_t candidate_room, uint64_t counts,
-               Out<uint8_t, N, N> staged, Out<uint8_t, N, N> frames, Out<uint8_t, N, N> pixels) {
+               size_t first, uint64_t tick, uint64_t luminance, uint64_t crossings,
+               uint32_t crossing_room, uint64_t candidates, uint32_t candidate_room,
+               uint64_t counts, Out<uint8_t, N, N> staged, Out<uint8_t, N, N> frames,
+               Out<uint8_t, N, N> pixels) {
     const AllPoses poses =
         checked_poses(which, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
     BoundPixels::check_tick_us(tick_us);
@@ -175,13 +176,13 @@ class CameraBatch {
       std::memcpy(row, &frame, sizeof frame);
       std::memcpy(row + sizeof frame, &target, sizeof target);
       const size_t blocks = (count + kBlock - 1) / kBlock;
+      const size_t before = (first + k) * blocks;
       Tick light{at<const float>(target), camera.clock_us, static_cast<uint32_t>(tick_us)};
       // filters that stand still in short ticks may move in a longer one
       light.all_due = camera.all_due || camera.tick_us != tick_us;
-      const DeviceRoom room = {crossings + k * blocks * crossing_room * sizeof(Crossing),
-                               crossing_room,
-                               candidates + k * blocks * candidate_room * sizeof(ShotCandidate),
-                               candidate_room, counts + k * blocks * sizeof(BlockCounts)};
+      const DeviceRoom room = {crossings + before * crossing_room * sizeof(Crossing), crossing_room,
+                               candidates + before * candidate_room * sizeof(ShotCandidate),
+                               candidate_room, counts + before * sizeof(BlockCounts)};
       const DevicePixels made =
           device.pixels->arguments(device.pixel_constant, device.arrays, light, camera.ticks, room);
       std::memcpy(pixels.data() + k * sizeof made, &made, sizeof made);
@@ -434,8 +435,8 @@ void bind_camera_batch(nb::module_& m) {
            "    arrays: Where each array of their state lies, by name.")
       .def("lay_out", &CameraBatch::lay_out, nb::arg("which"), nb::arg("geom_pos"),
            nb::arg("geom_mat"), nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"),
-           nb::arg("camera_mat"), nb::arg("tick_us"), nb::kw_only(), nb::arg("tick"),
-           nb::arg("luminance"), nb::arg("crossings"), nb::arg("crossing_room"),
+           nb::arg("camera_mat"), nb::arg("tick_us"), nb::kw_only(), nb::arg("first"),
+           nb::arg("tick"), nb::arg("luminance"), nb::arg("crossings"), nb::arg("crossing_room"),
            nb::arg("candidates"), nb::arg("candidate_room"), nb::arg("counts"), nb::arg("staged"),
            nb::arg("frames"), nb::arg("pixels"),
            "Write what a device needs for a tick of some cameras.\n"
@@ -443,10 +444,11 @@ void bind_camera_batch(nb::module_& m) {
            "Args:\n"
            "    which, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat, tick_us:\n"
            "        As of `step`.\n"
+           "    first: How many cameras of this tick were laid out before.\n"
            "    tick: Where `staged` will lie on the device.\n"
            "    luminance: Where the light of all cameras, (n, h, w) float32, will.\n"
            "    crossings, crossing_room, candidates, candidate_room, counts: As of\n"
-           "        DevicePixels.copy_arguments, camera after camera.\n"
+           "        DevicePixels.copy_arguments, camera after camera of the tick.\n"
            "    staged: (k, tick_bytes of the largest) uint8, the output: what the tick changes.\n"
            "    frames: (k, argument_bytes + 8) uint8, the output: a frame, and where its light "
            "goes.\n"

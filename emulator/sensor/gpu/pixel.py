@@ -40,7 +40,7 @@ CROSSING_BYTES, CANDIDATE_BYTES, COUNTS_BYTES = 8, 16, 12
 ALL_BYTES = 16
 """of TickCounts in core/sensor/device_pixels.h, in front of the packed crossings"""
 LEAST_ROOM = 4096
-"""crossings of a tick that are downloaded at once"""
+"""crossings of a tick that are downloaded at once, at least"""
 
 
 class CudaPlainState:
@@ -298,6 +298,7 @@ class PixelScratch:
         """(blocks,) BlockCounts"""
         self.offsets = gpu.allocate(4 * blocks)
         """(blocks,) uint32, where the crossings of each block begin among those that are packed"""
+        self._offsets_here: npt.NDArray[np.uint32] | None = None
         self.crossings = self.candidates = 0
         """of each block there is room for"""
         self.make_blocks(TickCounts(0, BLOCK, 16, 0))
@@ -320,8 +321,12 @@ class PixelScratch:
         size = ALL_BYTES + CROSSING_BYTES * self.room
         self.found = self._gpu.allocate(size)
         self._here = self._gpu.pinned((size,), np.uint8)
-        # most ticks need little of it
-        self._first = ALL_BYTES + CROSSING_BYTES * LEAST_ROOM
+        self._expect(0)
+
+    def _expect(self, crossings: int) -> None:
+        """Download room for a few more than so many with the counts, which saves a wait."""
+        likely = min(max(crossings + crossings // 4, LEAST_ROOM), self.room)
+        self._first = ALL_BYTES + CROSSING_BYTES * likely
 
     def pack(self, place: object, pack: object, count: int) -> TickCounts:
         """Pack the crossings of blocks, and wait.
@@ -345,8 +350,13 @@ class PixelScratch:
         return TickCounts(*self._here[:ALL_BYTES].view(np.uint32).tolist())
 
     def offsets_of(self, blocks: int) -> npt.NDArray[np.uint32]:
-        """Where the crossings of the first so many blocks begin among those that are packed."""
-        found = np.empty(blocks, np.uint32)
+        """Where the crossings of the first so many blocks begin among those that are packed.
+
+        The array is valid until the next call.
+        """
+        if self._offsets_here is None:
+            self._offsets_here = self._gpu.pinned((self._blocks,), np.uint32)
+        found = self._offsets_here[:blocks]
         self._gpu.download(found, self.offsets)
         return found
 
@@ -361,6 +371,7 @@ class PixelScratch:
         size = ALL_BYTES + CROSSING_BYTES * count
         if size > self._first:
             self._gpu.download(self._here[:size], self.found)
+        self._expect(count)
         return self._here[ALL_BYTES:size]
 
 

@@ -100,6 +100,17 @@ def test_each_world_has_its_own_light(device: StandInGpu | None) -> None:
     assert_same_states(worlds, alone)
 
 
+def test_worlds_are_placed_while_others_are_rendered(
+    device: StandInGpu | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(device_batch, "AT_ONCE", 2)
+    sensor = SensorConfig("ideal", width=40, height=32, pos_thres=0.01, neg_thres=0.01)
+    worlds, alone = pairs(5, sensor)
+    assert step_both(worlds, alone, ticks=3) > 5 * pixel.BLOCK
+    assert step_both(worlds, alone, ticks=[2, 0, 1, 3, 2]) > 0
+    assert_same_states(worlds, alone)
+
+
 def test_a_burst_of_all_worlds_gets_room(device: StandInGpu | None) -> None:
     sensor = SensorConfig(
         "ideal", width=40, height=32, pos_thres=0.002, neg_thres=0.002, shot_noise_rate_hz=5e3
