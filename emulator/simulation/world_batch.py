@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator import _core
-from evs.emulator.base.scene import F64, I32
+from evs.emulator.base.scene import I32
 from evs.emulator.camera.camera import Camera, LentCamera
 from evs.emulator.simulation.device_batch import DeviceBatch, fit_together
 from evs.emulator.simulation.world import World
@@ -85,11 +85,35 @@ class WorldBatch:
         """in them, by camera"""
         self._places = self._physics.places
         """one tick ago"""
+        self._is_controlled = np.zeros(len(worlds), bool)
+        """whether it is loaded, and has the controls that were given to its World"""
+        self._follows = np.zeros(len(worlds), bool)
+        """whether its control source gives another control in each tick"""
 
-    def load(self, world: int) -> None:
-        """Take a world in, if it is not. Its cameras take their reference if they have none."""
-        if world in self._lent:
-            return
+    def load(self, which: I32) -> None:
+        """Take in those of some worlds that are not here, and the controls that hold in them.
+
+        Their cameras take their reference if they have none.
+
+        Args:
+            which: (k,) int32 their numbers.
+
+        Raises:
+            EvsError: As of World.step.
+        """
+        for world in which[~self._is_controlled[which]].tolist():
+            if world not in self._lent:
+                self._load(world)
+            one = self._worlds[world]
+            given, source = one.given, one.control
+            if given is None and source.is_constant:
+                given = source(self._physics.t_us_of(world), one.data)
+            if given is not None:
+                self._physics.ctrl[world] = given
+            self._follows[world] = one.given is None and not source.is_constant
+            self._is_controlled[world] = True
+
+    def _load(self, world: int) -> None:
         one = self._worlds[world]
         one.start_cameras()
         lent = [_lent(camera) for camera in one.cameras]
@@ -127,6 +151,7 @@ class WorldBatch:
         lent = self._lent.pop(world, None)
         if lent is None:
             return
+        self._is_controlled[world] = False
         ticks = int(self._ticks[world])
         for number, parts in zip(self._numbers[world].tolist(), lent, strict=True):
             state = parts.pixels.state
@@ -151,9 +176,17 @@ class WorldBatch:
         """Whether a world is loaded."""
         return world in self._lent
 
-    def control(self, world: int, ctrl: F64) -> None:
-        """The controls (nu,) of a loaded world, from now on."""
-        self._physics.ctrl[world] = ctrl
+    def controls_changed(self) -> None:
+        """Controls were given to Worlds; `load` takes them."""
+        self._is_controlled[:] = False
+
+    def control(self, which: I32) -> None:
+        """Take the controls of a tick of loaded worlds from the sources that change them."""
+        for world in which[self._follows[which]].tolist():
+            one = self._worlds[world]
+            values = one.control(self._physics.t_us_of(world), one.data)
+            if values is not None:
+                self._physics.ctrl[world] = values
 
     def t_us(self, world: int) -> int:
         """The time of a loaded world, us, as its Physics counts it."""

@@ -135,6 +135,8 @@ class Worlds:
         for number, world in enumerate(self._worlds):
             world.reset(first.seed + SEED_STEP * number)
         self._revisions = [first.revision] * count
+        self._firsts: list[int] | None = None
+        """one world of each model; None: not known since a world may have got another"""
         self._batch: WorldBatch | None = None
         self._reason: str | None = None
         self._measuring = Lock()
@@ -253,6 +255,8 @@ class Worlds:
             )
         for world, row in zip(self._worlds, values, strict=True):
             world.give(row)
+        if self._batch is not None:
+            self._batch.controls_changed()
 
     def _step_batch(self, ticks: I64) -> tuple[WorldsEvents, ...]:
         if self._batch is None:
@@ -261,33 +265,19 @@ class Worlds:
             self._batch = WorldBatch(self._worlds, threads, self._measured)
         batch = self._batch
         which = np.flatnonzero(ticks).astype(np.int32)
-        led = []
-        for number in which.tolist():
-            batch.load(number)
-            given = self._worlds[number].given
-            if given is None:
-                led.append(number)
-            else:
-                batch.control(number, given)
+        batch.load(which)
         tick = 0
         while len(which):
-            for number in led:
-                world = self._worlds[number]
-                values = world.control(batch.t_us(number), world.data)
-                if values is not None:
-                    batch.control(number, values)
+            batch.control(which)
             ended = {number: str(reason) for number, reason in batch.step(which).items()}
             tick += 1
-            going = [number for number in which.tolist() if number not in ended]
             if self._measured is not None:
                 for number in ended:
                     self._measure_world(number)
-                ended.update(self._measured.left(going))
-            if ended or (ticks[which] == tick).any():
-                self.ended.update(ended)
-                going = [n for n in which.tolist() if n not in ended and ticks[n] > tick]
-                which = np.array(going, np.int32)
-                led = [number for number in led if number in going]
+                going = which[~np.isin(which, [*ended])]
+                ended.update(self._measured.left(going.tolist()))
+            self.ended.update(ended)
+            which = which[(ticks[which] > tick) & ~np.isin(which, [*ended])]
         return tuple(WorldsEvents(*batch.take(place)) for place in range(len(self.cameras)))
 
     def _step_one_by_one(self, ticks: I64) -> tuple[WorldsEvents, ...]:
@@ -409,6 +399,7 @@ class Worlds:
             self._worlds[number].check_reset(one, keyframe, *others)
             for number, one, *others in zip(chosen, seeds, sensors, scenes, strict=True)
         ]
+        self._firsts = None
         starts = [None if start is None else partial(start, number) for number in chosen]
         with (
             self._measured_as_before(chosen),
@@ -466,6 +457,7 @@ class Worlds:
             raise EvsError(f"{len(blobs)} states for {len(chosen)} worlds: give one for each")
         self._see_edits()
         self._settle(chosen)
+        self._firsts = None
         restore_worlds([self._worlds[number] for number in chosen], blobs)
         self._see_rest(chosen)
         self._begin(chosen)
@@ -477,6 +469,7 @@ class Worlds:
         """
         (chosen,) = self._chosen([number])
         self._see_edits()
+        self._firsts = None
         if self._batch is not None and self._batch.has(chosen):
             self._batch.settle(chosen)
             self._worlds[chosen].physics.update()
@@ -502,10 +495,11 @@ class Worlds:
 
     def _see_edits(self) -> None:
         """Show every model as it is now. Raises EvsError."""
-        # one world of each model
-        firsts = {id(world.model): number for number, world in enumerate(self._worlds)}
-        now = {number: self._worlds[number].revision for number in firsts.values()}
-        if any(revision != self._revisions[number] for number, revision in now.items()):
+        if self._firsts is None:
+            firsts = {id(world.model): number for number, world in enumerate(self._worlds)}
+            self._firsts = [*firsts.values()]
+        now = [self._worlds[number].revision for number in self._firsts]
+        if now != [self._revisions[number] for number in self._firsts]:
             self._settle(range(len(self)))
             self._batch = self._reason = None
             self._keep_revisions(range(len(self)))

@@ -321,6 +321,11 @@ class ControlSource:
         return callable(self._source)
 
     @property
+    def is_constant(self) -> bool:
+        """Whether it gives the same control in every tick, or none in any."""
+        return self._source in ("auto", "zero", "keyframe")
+
+    @property
     def holds(self) -> bool:
         """Whether the controls of the starting keyframe hold."""
         return self._source in ("auto", "keyframe") and self._model.nu > 0

@@ -165,6 +165,16 @@ def test_controls_hold_until_others_come() -> None:
     assert [one.data.ctrl.tolist() for one in map(worlds.world, range(3))] == [[1], [1], [-0.5]]
 
 
+@pytest.mark.parametrize("control", ["random", "zero"])
+def test_after_a_reset_the_control_source_acts_again(control: str) -> None:
+    worlds, alone = swings(control=control)
+    step_both(worlds, alone, [[1.0], [-1.0], [0.5]], ticks=[2, 0, 3])
+    worlds.reset(worlds=[1])
+    alone.each[1].reset()
+    step_both(worlds, alone, ticks=5)
+    assert_same_states(worlds, alone)
+
+
 def test_controls_are_copied() -> None:
     worlds, alone = swings()
     controls = np.array([[0.5], [-1.0], [0.25]])
