@@ -142,7 +142,7 @@ class PhysicsBatch:
         Returns:
             Why physics broke down, by world: its state is that of before the tick.
         """
-        self._before[which] = self.state[which]
+        self._before[:] = self.state
         # counts begin at 1, so that MuJoCo prints nothing: see Physics
         self._warnings[:] = SILENT
         # the batch has a copy, and takes edits of models only so
