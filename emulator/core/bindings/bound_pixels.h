@@ -14,6 +14,7 @@
 
 #include "events.h"
 #include "gil.h"
+#include "owned_array.h"
 #include "pixel.h"
 
 namespace nb = nanobind;
@@ -30,14 +31,6 @@ template <class T>
 using MaybeFrame = std::optional<Array<T, 2>>;
 using MaybeBlocks = std::optional<Array<int64_t, 1>>;
 using Bytes = nb::ndarray<nb::numpy, uint8_t, nb::ndim<1>>;
-
-// A Python array that owns `data`.
-template <class Out, class T>
-Out owned(std::unique_ptr<T[]> data, size_t count) {
-  nb::capsule owner(data.get(), [](void* p) noexcept { delete[] static_cast<T*>(p); });
-  T* memory = data.release();
-  return Out(memory, {count * sizeof(T) / sizeof(typename Out::Scalar)}, owner);
-}
 
 class PixelArray;
 
