@@ -11,6 +11,7 @@
 
 #include "bound_pixels.h"
 #include "gil.h"
+#include "owned_array.h"
 #include "readout.h"
 
 namespace nb = nanobind;
@@ -21,17 +22,6 @@ using BytesIn = nb::ndarray<const uint8_t, nb::ndim<1>, nb::c_contig, nb::device
 using TimesIn = nb::ndarray<const int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using ClockArray = nb::ndarray<int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Times = nb::ndarray<nb::numpy, int64_t, nb::ndim<1>>;
-
-// A Python array that owns the memory of a vector.
-template <class Out, class T>
-Out owned(std::vector<T>&& values) {
-  auto storage = std::make_unique<std::vector<T>>(std::move(values));
-  nb::capsule owner(storage.get(),
-                    [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
-  std::vector<T>* memory = storage.release();
-  const size_t count = memory->size() * sizeof(T) / sizeof(typename Out::Scalar);
-  return Out(memory->data(), {count}, owner);
-}
 
 class BoundReadout {
  public:
@@ -56,21 +46,20 @@ class BoundReadout {
 
   // The same for Python: events that wait, and the moment of each.
   static std::pair<Bytes, Times> arrays_of(const std::vector<Request>& requests) {
-    std::vector<Event> left;
-    std::vector<int64_t> times;
-    left.reserve(requests.size());
-    times.reserve(requests.size());
-    for (const Request& request : requests) {
-      left.push_back(request.event);
-      times.push_back(request.ns);
+    std::unique_ptr<Event[]> left(new Event[requests.size()]);
+    std::unique_ptr<int64_t[]> times(new int64_t[requests.size()]);
+    for (size_t i = 0; i < requests.size(); i++) {
+      left[i] = requests[i].event;
+      times[i] = requests[i].ns;
     }
-    return {owned<Bytes>(std::move(left)), owned<Times>(std::move(times))};
+    return {owned<Bytes>(std::move(left), requests.size()),
+            owned<Times>(std::move(times), requests.size())};
   }
 
   // Read out the events of a tick; needs no GIL. In/out: the clock, which stays as it is if an
   // error is thrown, and what waits. Out: the events that are handed out.
   void step(const Event* events, size_t count, int64_t* clock, std::vector<Request>& requests,
-            int64_t t_begin_us, int64_t t_end_us, std::vector<Event>& out) {
+            int64_t t_begin_us, int64_t t_end_us, EventBuffer& out) {
     ReadoutClock numbers;
     std::memcpy(numbers, clock, sizeof(numbers));
     readout_.step(events, count, numbers, requests, t_begin_us, t_end_us, out);
@@ -83,7 +72,7 @@ class BoundReadout {
       throw std::invalid_argument("events are 16 bytes each");
     }
     std::vector<Request> requests = requests_of(clock, waiting, due_ns);
-    std::vector<Event> out;
+    EventBuffer out;
     {
       // release the GIL only for many events: a few take less time than to acquire it again
       std::optional<GilRelease> release;
@@ -92,7 +81,7 @@ class BoundReadout {
            clock.data(), requests, t_begin_us, t_end_us, out);
     }
     auto [left, times] = arrays_of(requests);
-    return nb::make_tuple(owned<Bytes>(std::move(out)), left, times);
+    return nb::make_tuple(owned<Bytes>(std::move(out.events), out.count), left, times);
   }
 
  private:

@@ -288,7 +288,7 @@ class CameraBatch {
     }
 
     void read_out(const EventBuffer& found, int64_t begin_us, int64_t end_us, int64_t start_us) {
-      std::vector<Event> out;
+      EventBuffer out;
       try {
         if (end_us > kMaxTimeUs) throw std::invalid_argument("time is over 2^52 us");
         readout->step(found.events.get(), found.count, clock, waiting, begin_us, end_us, out);
@@ -296,8 +296,9 @@ class CameraBatch {
         throw std::invalid_argument("readout of tick (" + std::to_string(begin_us) + ", " +
                                     std::to_string(end_us) + "] us: " + reason.what());
       }
-      for (Event& event : out) event.t += start_us;
-      events.insert(events.end(), out.begin(), out.end());
+      Event *first = out.events.get(), *end = first + out.count;
+      for (Event* event = first; event < end; event++) event->t += start_us;
+      events.insert(events.end(), first, end);
     }
   };
   // The poses of all worlds and cameras.

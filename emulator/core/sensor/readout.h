@@ -9,7 +9,10 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <limits>
+#include <memory>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include "arbiter.h"
@@ -19,6 +22,7 @@
 #include "random.h"
 #include "readout_output.h"
 #include "readout_state.h"
+#include "request_phases.h"
 
 namespace evs {
 
@@ -46,10 +50,10 @@ class Readout {
   // One tick. In: events of the pixels, sorted by t, |t| <= 2^52 us. Out: events with stamps in
   // (t_begin_us, t_end_us], sorted. In/out: the state; `waiting` has first the delayed requests,
   // then those that pixels hold, then those of a scan whose column is still to be read, then those
-  // that wait for the link. Throws std::invalid_argument
-  // for events that are unsorted, off the sensor or outside the tick.
+  // that wait for the link. Throws std::invalid_argument for events that are unsorted, off the
+  // sensor or outside the tick.
   void step(const Event* events, size_t count, ReadoutClock& clock, std::vector<Request>& waiting,
-            int64_t t_begin_us, int64_t t_end_us, std::vector<Event>& out) {
+            int64_t t_begin_us, int64_t t_end_us, EventBuffer& out) {
     // check the events and the state
     check(events, count, t_begin_us, t_end_us);
     const int64_t end_ns = t_end_us * 1000;
@@ -58,7 +62,9 @@ class Readout {
             waiting.size()) {
       throw std::invalid_argument("the state's counts do not fit what waits in it");
     }
-    for (const Request& request : waiting) check_pixel(request.event);
+    for (const Request& request : waiting) {
+      if (!on_sensor(request.event)) throw std::invalid_argument("an event is not on the sensor");
+    }
     if (clock[LastRow] >= settings_.height || clock[AccessRow] >= settings_.height ||
         clock[LastRow] < -1 || clock[AccessRow] < -1) {
       throw std::invalid_argument("the state is of a sensor with more rows");
@@ -77,17 +83,19 @@ class Readout {
     const size_t due = sort_requests(first_new, end_ns);
 
     // read them in the order of this sensor
-    out.clear();
+    const size_t most = queue_.size() + reading_.size() + due;
+    out.count = 0;
+    out.events.reset(new Event[most]);
     OutputStage stage{settings_.rate, settings_.link, clock, end_ns, queue_, out};
     stage.release();
-    if (settings_.order != ReadoutOrder::ideal) latches_.clear();
+    if (settings_.order != ReadoutOrder::ideal) latches_.clear(requests_.size());
     switch (settings_.order) {
       case ReadoutOrder::ideal:
         for (size_t i = 0; i < due; i++) stage.read(requests_[i].ns, requests_[i].event);
         break;
       case ReadoutOrder::arbiter:
-        run_arbiter(settings_.arbiter, access_times_, requests_, first_new, due, end_ns, clock,
-                    latches_, stage);
+        run_arbiter(settings_.arbiter, access_times_, requests_.data(), first_new, due, end_ns,
+                    clock, latches_, stage);
         break;
       case ReadoutOrder::scan:
         run_scan(settings_.scan, settings_.width, requests_, due, end_ns, clock, latches_, reading_,
@@ -106,98 +114,131 @@ class Readout {
     clock[Reading] = static_cast<int64_t>(reading_.size());
     waiting.insert(waiting.end(), queue_.begin(), queue_.end());
     clock[Queued] = static_cast<int64_t>(queue_.size());
+    if (out.count < most / 2) {
+      // hold no memory for what was dropped or waits
+      std::unique_ptr<Event[]> fitting(new Event[out.count]);
+      std::copy_n(out.events.get(), out.count, fitting.get());
+      out.events = std::move(fitting);
+    }
     free_scratch();
   }
 
  private:
+  // Refuse events that are unsorted, off the sensor or outside the tick, without a branch on each.
   void check(const Event* events, size_t count, int64_t t_begin_us, int64_t t_end_us) const {
     int64_t last = t_begin_us + 1;
+    uint64_t unsorted = 0, outside = 0;
     for (size_t i = 0; i < count; i++) {
       const Event& event = events[i];
-      if (event.t < last) throw std::invalid_argument("events are not sorted or before the tick");
+      unsorted |= uint64_t{event.t < last};
       last = event.t;
-      check_pixel(event);
+      outside |= uint64_t{!on_sensor(event)};
     }
+    if (unsorted) throw std::invalid_argument("events are not sorted or before the tick");
+    if (outside) throw std::invalid_argument("an event is not on the sensor");
     if (count > 0 && last > t_end_us) throw std::invalid_argument("events are after the tick");
   }
 
-  void check_pixel(const Event& event) const {
-    if (static_cast<uint16_t>(event.x) >= settings_.width ||
-        static_cast<uint16_t>(event.y) >= settings_.height) {
-      throw std::invalid_argument("an event is not on the sensor");
-    }
+  bool on_sensor(const Event& event) const {
+    return (static_cast<uint16_t>(event.x) < settings_.width) &
+           (static_cast<uint16_t>(event.y) < settings_.height);
   }
 
   // Append events as requests after the latency of their pixels; count those outside the ROI or
   // masked.
   void add_requests(const Event* events, size_t count, ReadoutClock& clock) {
-    const bool late = settings_.latency_us > 0 || settings_.latency_sigma_us > 0;
+    if (!settings_.fates.empty()) {
+      count = keep_events(events, count, clock);
+      events = kept_.data();
+    }
+    const uint64_t seed = static_cast<uint64_t>(clock[Seed]);
+    const bool early = settings_.order == ReadoutOrder::arbiter && settings_.arbiter.phase_ns > 0;
     const bool jitter = settings_.latency_sigma_us > 0;
-    const uint64_t key = term_key(static_cast<uint64_t>(clock[Seed]), kTermLatency);
-    const uint64_t phases =
-        settings_.order == ReadoutOrder::arbiter && settings_.arbiter.phase_ns > 0
-            ? static_cast<uint64_t>(settings_.arbiter.phase_ns) + 1
-            : 0;
-    const uint64_t phase_key = term_key(static_cast<uint64_t>(clock[Seed]), kTermPhase);
-    const uint8_t* fates = settings_.fates.empty() ? nullptr : settings_.fates.data();
-    const size_t width = static_cast<size_t>(settings_.width);
+    const bool late = settings_.latency_us > 0 || jitter;
+    if (early) phases_.draw(term_key(seed, kTermPhase), settings_.arbiter.phase_ns, events, count);
     const size_t before = requests_.size();
-    requests_.reserve(before + count);
+    requests_.resize(before + count);
+    Request* const requests = requests_.data() + before;
+    if (early && !late) {
+      add_by_phase(events, phases_.ns(), count, requests);
+      return;
+    }
+    const uint64_t key = term_key(seed, kTermLatency);
     for (size_t i = 0; i < count; i++) {
       const Event& event = events[i];
-      const size_t x = static_cast<size_t>(event.x), y = static_cast<size_t>(event.y);
-      if (fates) {
-        const uint8_t fate = fates[y * width + x];
-        if (fate != kKept) {
-          clock[fate]++;
-          continue;
-        }
-      }
-      int64_t delay_ns = 0;
+      int64_t ns = event.t * 1000;
       if (late) {
         double delay_us = settings_.latency_us;
         if (jitter) {
-          const uint64_t pixel = hash(key, (y << 32 | x << 1) + 1);
           const uint64_t counter = static_cast<uint64_t>(event.t) << 2 | (event.p ? 2u : 0u);
-          delay_us += settings_.latency_sigma_us * normal(pixel, counter);
+          delay_us += settings_.latency_sigma_us * normal(hash(key, pixel_counter(event)), counter);
         }
-        delay_ns = round_ns(delay_us * 1000.0);
+        ns += round_ns(delay_us * 1000.0);
       }
-      if (phases != 0) {
-        // a multiplication and shift: evenly spread over [0, phase_ns]
-        const uint64_t pixel = hash(phase_key, (y << 32 | x << 1) + 1);
-        const uint64_t bits =
-            hash(pixel, static_cast<uint64_t>(event.t) << 1 | (event.p ? 1u : 0u));
-        delay_ns -= static_cast<int64_t>((bits >> 32) * phases >> 32);
-      }
-      requests_.push_back(Request{event.t * 1000 + delay_ns, event});
+      if (early) ns -= phases_.ns()[i];
+      requests[i].ns = ns;
+      requests[i].event = event;
     }
-    if (phases != 0 && !late) sort_within_us(before);
   }
 
-  // Sort the requests from `first` on, which are sorted by the us of their events, by time.
-  void sort_within_us(size_t first) {
-    constexpr size_t kFew = 24;
-    const auto earlier = [](const Request& a, const Request& b) { return a.ns < b.ns; };
-    while (first < requests_.size()) {
-      size_t end = first + 1;
-      while (end < requests_.size() && requests_[end].event.t == requests_[first].event.t) end++;
-      const auto begin = requests_.begin();
-      if (end - first > kFew) {
-        std::stable_sort(begin + static_cast<ptrdiff_t>(first), begin + static_cast<ptrdiff_t>(end),
-                         earlier);
+  // Copy the events that are read out to kept_ and count the others. Out: how many are kept.
+  size_t keep_events(const Event* events, size_t count, ReadoutClock& clock) {
+    kept_.clear();
+    for (size_t i = 0; i < count; i++) {
+      const size_t x = static_cast<size_t>(events[i].x), y = static_cast<size_t>(events[i].y);
+      const uint8_t fate = settings_.fates[y * static_cast<size_t>(settings_.width) + x];
+      if (fate == kKept) {
+        kept_.push_back(events[i]);
       } else {
-        // by insertion, which keeps the order of equal times
-        for (size_t i = first + 1; i < end; i++) {
-          const Request request = requests_[i];
-          size_t at = i;
-          for (; at > first && request.ns < requests_[at - 1].ns; at--) {
-            requests_[at] = requests_[at - 1];
-          }
-          requests_[at] = request;
-        }
+        clock[fate]++;
       }
-      first = end;
+    }
+    return kept_.size();
+  }
+
+  // Write the requests of events that are sorted by us, each earlier by its phase, in order of
+  // time; equal times keep their order.
+  static void add_by_phase(const Event* events, const int32_t* phases_ns, size_t count,
+                           Request* requests) {
+    for (size_t size; count > 0; count -= size) {
+      size = 1;
+      while (size < count && events[size].t == events->t) size++;
+      if (size <= 4) {
+        add_few<4>(events, phases_ns, size, requests);
+      } else if (size <= 8) {
+        add_few<8>(events, phases_ns, size, requests);
+      } else if (size <= 16) {
+        add_few<16>(events, phases_ns, size, requests);
+      } else {
+        for (size_t i = 0; i < size; i++) {
+          requests[i] = Request{events[i].t * 1000 - phases_ns[i], events[i]};
+        }
+        std::stable_sort(requests, requests + size,
+                         [](const Request& a, const Request& b) { return a.ns < b.ns; });
+      }
+      events += size;
+      phases_ns += size;
+      requests += size;
+    }
+  }
+
+  // The same for up to kMost events of one us. The place of each is the number of those before it,
+  // which takes no branch.
+  template <size_t kMost>
+  static void add_few(const Event* events, const int32_t* phases_ns, size_t count,
+                      Request* requests) {
+    // no two keys are equal
+    int32_t keys[kMost];
+    std::fill_n(keys, kMost, std::numeric_limits<int32_t>::max());
+    for (size_t i = 0; i < count; i++) {
+      keys[i] = static_cast<int32_t>(i) - phases_ns[i] * static_cast<int32_t>(kMost);
+    }
+    const int64_t stamp_ns = events->t * 1000;
+    for (size_t i = 0; i < count; i++) {
+      int32_t place = 0;
+      for (int32_t key : keys) place += key < keys[i];
+      requests[place].ns = stamp_ns - phases_ns[i];
+      requests[place].event = events[i];
     }
   }
 
@@ -216,14 +257,18 @@ class Readout {
   // free the memory of a burst
   void free_scratch() {
     constexpr size_t kKeep = 1 << 16;
+    if (kept_.capacity() > kKeep) std::vector<Event>().swap(kept_);
     if (requests_.capacity() > kKeep) std::vector<Request>().swap(requests_);
+    phases_.free_beyond(kKeep);
     if (reading_.capacity() > kKeep) std::vector<Request>().swap(reading_);
     if (queue_.capacity() > kKeep) std::vector<Request>().swap(queue_);
   }
 
   ReadoutSettings settings_;
+  RequestPhases phases_;           // scratch
   RowAccessTimes access_times_;    // scratch
   PixelLatches latches_;           // scratch
+  std::vector<Event> kept_;        // scratch
   std::vector<Request> requests_;  // scratch
   std::vector<Request> reading_;   // scratch
   std::vector<Request> queue_;     // scratch

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "readout_state.h"
@@ -34,12 +35,18 @@ inline int64_t bit_reversed(int16_t line) {
   return (n & 1) << 4 | (n & 2) << 2 | (n & 4) | (n & 8) >> 2 | (n & 16) >> 4;
 }
 
-// Takes events in the order in which they are read and outputs those of the tick, stamped.
+// Takes events in the order in which they are read and outputs those of the tick, stamped. `out`
+// has room for all of them.
 class OutputStage {
  public:
   OutputStage(const RateControl& rate, const Link& link, ReadoutClock& clock, int64_t end_ns,
-              std::vector<Request>& queue, std::vector<Event>& out)
-      : rate_(rate), link_(link), clock_(clock), end_ns_(end_ns), queue_(queue), out_(out) {}
+              std::vector<Request>& queue, EventBuffer& out)
+      : rate_(rate), link_(link), clock_(clock), end_ns_(end_ns), queue_(queue), out_(out) {
+    if (link.rate > 0) {
+      sent_ns_ = busy_ns(clock[LinkSent]);
+      each_ns_ = busy_ns(1);
+    }
+  }
 
   // Output the waiting events that leave the link in this tick.
   void release() {
@@ -51,8 +58,8 @@ class OutputStage {
   }
 
   // Take an event that is read at `ns`, not before the last one and not after the tick.
-  void read(int64_t ns, const Event& event) {
-    if (rate_.target > 0 && !passes(ceil_div(ns, 1000), event)) {
+  EVS_ALWAYS_INLINE void read(int64_t ns, const Event& event) {
+    if (rate_.target > 0 && !passes(stamp_us(ns), event)) {
       clock_[DropErc]++;
       return;
     }
@@ -72,18 +79,22 @@ class OutputStage {
   }
 
  private:
-  void emit(int64_t ns, Event event) {
-    event.t = ceil_div(ns, 1000);
-    out_.push_back(event);
+  void emit(int64_t ns, const Event& event) {
+    Event& stamped = out_.events[out_.count++];
+    stamped = event;
+    stamped.t = stamp_us(ns);
   }
 
   // Whether an event with this stamp passes the rate control.
   bool passes(int64_t t_us, const Event& event) {
-    const int64_t period = ceil_div(t_us, rate_.period_us);
-    if (period != clock_[ErcPeriod]) {
-      clock_[ErcBefore] = period == clock_[ErcPeriod] + 1 ? clock_[ErcCount] : 0;
-      clock_[ErcPeriod] = period;
-      clock_[ErcCount] = clock_[ErcPassed] = clock_[ErcShare] = 0;
+    if (t_us > period_end_us_) {
+      const int64_t period = ceil_div(t_us, rate_.period_us);
+      if (period != clock_[ErcPeriod]) {
+        clock_[ErcBefore] = period == clock_[ErcPeriod] + 1 ? clock_[ErcCount] : 0;
+        clock_[ErcPeriod] = period;
+        clock_[ErcCount] = clock_[ErcPassed] = clock_[ErcShare] = 0;
+      }
+      period_end_us_ = period * rate_.period_us;
     }
     clock_[ErcCount]++;
     const int64_t before = clock_[ErcBefore];
@@ -104,36 +115,64 @@ class OutputStage {
     return true;
   }
 
+  // A time of k / rate seconds: whole ns, and what is left of one in 1 / rate ns.
+  struct Busy {
+    int64_t ns;
+    int64_t left;
+  };
+
+  Busy busy_ns(int64_t events) const {
+    return Busy{events * kSecond / link_.rate, events * kSecond % link_.rate};
+  }
+
   // Enqueue an event for the link; false if the FIFO is full. In: ns, when it arrives. Out: when it
   // leaves.
   bool enqueue(int64_t& ns) {
-    constexpr int64_t kSecond = 1'000'000'000;
     int64_t& start = clock_[LinkStartNs];
     int64_t& sent = clock_[LinkSent];
     // while the link is busy, event k since its start leaves after k / rate seconds, rounded up
-    const int64_t free = sent > 0 ? start + ceil_div(sent * kSecond, link_.rate) : ns;
-    if (sent == 0 || ns >= free) {
+    const int64_t free = start + sent_ns_.ns + (sent_ns_.left > 0);
+    if (sent <= 0 || ns >= free) {
       start = ns;
       sent = 1;
+      sent_ns_ = each_ns_;
       return true;
     }
-    const int64_t waiting = sent - 1 - floor_div((ns - start) * link_.rate, kSecond);
-    if (waiting >= link_.fifo) return false;
+    // those sent since the start are the most that can wait: without a division, if they fit
+    if (sent > link_.fifo || ns < start) {
+      const int64_t waiting = sent - 1 - floor_div((ns - start) * link_.rate, kSecond);
+      if (waiting >= link_.fifo) return false;
+    }
     ns = free;
+    sent++;
+    sent_ns_.ns += each_ns_.ns;
+    sent_ns_.left += each_ns_.left;
+    if (sent_ns_.left >= link_.rate) {
+      sent_ns_.left -= link_.rate;
+      sent_ns_.ns++;
+    }
     // move the start on by whole seconds: exact, and no product overflows 64 bits
-    if (++sent > link_.rate) {
+    if (sent > link_.rate) {
       sent -= link_.rate;
       start += kSecond;
+      sent_ns_.ns -= kSecond;
     }
     return true;
   }
+
+  static constexpr int64_t kSecond = 1'000'000'000;
 
   const RateControl& rate_;
   const Link& link_;
   ReadoutClock& clock_;
   int64_t end_ns_;
   std::vector<Request>& queue_;
-  std::vector<Event>& out_;
+  EventBuffer& out_;
+  // of this tick: the last stamp of the period of the rate control, and how long the link is busy
+  // from its start on, and with one event
+  int64_t period_end_us_ = std::numeric_limits<int64_t>::min();
+  Busy sent_ns_ = {0, 0};
+  Busy each_ns_ = {0, 0};
 };
 
 }  // namespace evs

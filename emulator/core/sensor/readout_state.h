@@ -57,8 +57,17 @@ inline constexpr uint64_t kTermPhase = 67;
 
 enum class ReadoutOrder { ideal, arbiter, scan };
 
+// The counter of a pixel in the random numbers of its requests.
+inline uint64_t pixel_counter(const Event& event) {
+  const uint64_t x = static_cast<uint16_t>(event.x), y = static_cast<uint16_t>(event.y);
+  return (y << 32 | x << 1) + 1;
+}
+
 inline int64_t floor_div(int64_t a, int64_t b) { return a / b - (a % b < 0); }
 inline int64_t ceil_div(int64_t a, int64_t b) { return a / b + (a % b > 0); }
+
+// The stamp of a time: rounded up to whole us.
+inline int64_t stamp_us(int64_t ns) { return (ns + (ns > 0 ? 999 : 0)) / 1000; }
 
 // Round to whole ns, not below 0.
 inline int64_t round_ns(double ns) {

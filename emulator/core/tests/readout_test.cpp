@@ -74,14 +74,15 @@ struct Run {
   }
 
   void step(const std::vector<Event>& events, int64_t begin_us, int64_t end_us) {
-    std::vector<Event> out;
+    EventBuffer out;
     readout.step(events.data(), events.size(), clock, waiting, begin_us, end_us, out);
     int64_t last = begin_us + 1;
-    for (const Event& event : out) {
-      check(event.t >= last && event.t <= end_us, "stamps are sorted and in their tick");
-      last = event.t;
+    for (size_t i = 0; i < out.count; i++) {
+      const int64_t t_us = out.events[i].t;
+      check(t_us >= last && t_us <= end_us, "stamps are sorted and in their tick");
+      last = t_us;
     }
-    all.insert(all.end(), out.begin(), out.end());
+    all.insert(all.end(), out.events.get(), out.events.get() + out.count);
     came += events.size();
     int64_t dropped = 0;
     for (size_t cause = DropRoi; cause <= DropFifo; cause++) dropped += clock[cause];
@@ -116,6 +117,22 @@ void readouts_lose_nothing_uncounted() {
                                                fine.all.size() * sizeof(Event)) == 0) &&
               std::memcmp(fine.clock, coarse.clock, sizeof(fine.clock)) == 0,
           "any division into ticks gives the same events and the same state");
+  }
+}
+
+void row_access_times_are_drawn_exactly() {
+  const uint64_t key = term_key(11, kTermArbiter);
+  // the wider the jitter, the more of the batch is drawn again: a fifth at 1e6 ns, all at 1e9
+  for (const double jitter_ns : {0.3, 10.0, 1e4, 1e6, 3e6, 1e9}) {
+    const ArbiterTimes times{4'000'000, 0, jitter_ns, 0};
+    RowAccessTimes drawn;
+    // numbers near 0, whose error is larger, are rare
+    const int64_t count = jitter_ns == 1e6 ? 3'000'000 : 20'000;
+    for (int64_t access = 0; access < count; access++) {
+      const double ns = 4e6 + jitter_ns * normal(key, static_cast<uint64_t>(access) << 1);
+      check(drawn.duration_ns(times, key, access) == round_ns(ns),
+            "a batch has the durations of single draws");
+    }
   }
 }
 

@@ -227,6 +227,7 @@ int main() {
   evs::pixels_survive_any_light();
   evs::networks_survive_any_light();
   evs::readouts_lose_nothing_uncounted();
+  evs::row_access_times_are_drawn_exactly();
   std::printf("%d failures\n", evs::failures);
   return evs::failures;
 }

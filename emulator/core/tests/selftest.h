@@ -48,4 +48,7 @@ void networks_survive_any_light();
 // The readout with any settings.
 void readouts_lose_nothing_uncounted();
 
+// The row accesses of the arbiter, in batches.
+void row_access_times_are_drawn_exactly();
+
 }  // namespace evs

@@ -155,3 +155,22 @@ def test_a_saved_state_goes_on_with_the_same_bytes(
         parts.append(out.tobytes())
     assert b"".join(parts) == whole
     assert state == end
+
+
+def test_the_arbiter_finds_the_next_of_many_rows() -> None:
+    # rows are found in words of 64 and in groups of 64 words: the tallest sensor has two groups
+    high = 8192
+    readout = ReadoutParameters(order="arbiter", row_ns=8_000, column_ns=100, phase_ns=999)
+    sensor = replace(BASE, width=4, height=high, readout=readout)
+    edges = [0, 63, 64, 4031, 4032, 4095, 4096, 8127, 8128, high - 1]
+    generator = np.random.default_rng(3)
+    events = empty_events(400)
+    # one row at a time at first, then many that wait
+    events["t"] = np.sort(np.append(np.arange(1, 101) * 20, generator.integers(2001, 4000, 300)))
+    rows = np.append(generator.choice(edges, 200), generator.integers(0, high, 200))
+    events["y"] = generator.permutation(rows)
+    events["x"] = generator.integers(0, 4, 400)
+    raw, state = run(sensor, 5, cut(events, [1000, 2500, 6000], 0))
+    told = tell(sensor, 5, as_events(events), 6000)
+    assert raw == as_bytes(told)
+    assert state.count_waiting == told.waiting == 0

@@ -322,6 +322,12 @@ def test_the_link_delays_and_its_fifo_is_bounded() -> None:
     assert state.count_waiting == 0
 
 
+def test_a_link_that_is_busy_for_seconds_keeps_its_rate() -> None:
+    rows = [(10, x, 0, 1) for x in range(10)]
+    (out,), _ = run(sensor_of(bandwidth_mevs=3e-6), rows, 4_000_000)
+    assert [row[0] for row in out] == [10 + -(-k * 10**6 // 3) for k in range(10)]
+
+
 def test_a_link_may_stamp_before_it_waits() -> None:
     rows = [(10, x, 0, 1) for x in range(50)] + [(30, 0, 1, 0)]
     sensor = sensor_of(bandwidth_mevs=0.5, fifo=20, stamp="read")
