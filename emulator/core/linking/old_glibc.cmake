@@ -3,10 +3,11 @@
 # The compiler stays the one that was chosen, and so do the code and its speed. Only the linker is zig's
 # (ziglang, a wheel on PyPI), which knows the symbols of every glibc and binds each to its oldest version.
 # libstdc++ goes into the module, because an old system has an old one; it is not visible from outside.
+# libgcc.a comes before what zig has in its place, whose __builtin_cpu_supports finds no instruction set.
 if(NOT EVS_ZIG)
   set(EVS_ZIG ${Python_EXECUTABLE} -m ziglang)
 endif()
-foreach(library IN ITEMS libstdc++.a libgcc_s.so.1)
+foreach(library IN ITEMS libstdc++.a libgcc.a libgcc_s.so.1)
   execute_process(
     COMMAND ${CMAKE_CXX_COMPILER} -print-file-name=${library}
     OUTPUT_VARIABLE found OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
