@@ -25,7 +25,7 @@
 #define EVS_UNROLL(count) _Pragma(EVS_TEXT(unroll(count)))
 
 // as memcmp, which NVRTC lacks
-__device__ inline int compare_bytes(const void* a, const void* b, unsigned long size) {
+inline int compare_bytes(const void* a, const void* b, unsigned long size) {
   const unsigned char *left = static_cast<const unsigned char*>(a),
                       *right = static_cast<const unsigned char*>(b);
   for (unsigned long i = 0; i < size; i++) {
