@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from evs.emulator.base.features import UNFORCED, Switches
-from evs.emulator.base.gpu.arrays import DeviceLight
 from evs.emulator.base.gpu.compiler import kernels_of
 from evs.emulator.base.gpu.driver import the_gpu
 from evs.emulator.base.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.config import RenderConfig
 from evs.emulator.render.direct import DirectRenderer, LentRenderer
+from evs.emulator.render.gpu.renderer import CudaRenderer
 from evs.emulator.render.gpu.scene import UploadedScene
 
 
-class CudaDirectRenderer(DirectRenderer):
+class CudaDirectRenderer(CudaRenderer):
     """`direct` with the bytes of the CPU. Every tick is rendered as a whole.
 
     Single pixels, ground truth and hits are traced on the CPU, by the same caster.
@@ -64,15 +64,6 @@ class CudaDirectRenderer(DirectRenderer):
         else:
             there.launch(self._kernels[0], there.frame, light)
         return there.download(into)
-
-    def device_light(self) -> DeviceLight:
-        """As of DeviceRenderer."""
-        return self._there.device_light()
-
-    @property
-    def features(self) -> dict[str, bool]:
-        """As of DirectRenderer."""
-        return {**super().features, "full_retrace": True}
 
     def lend(self) -> LentRenderer | str:
         """As of DirectRenderer."""

@@ -19,6 +19,7 @@ from evs.emulator.base.gpu.driver import Gpu, the_gpu
 from evs.emulator.base.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.config import RenderConfig
 from evs.emulator.render.direct import DirectRenderer, LentRenderer
+from evs.emulator.render.gpu.renderer import CudaRenderer
 from evs.emulator.render.gpu.scene import THREADS, UploadedScene
 from evs.emulator.render.hybrid import HybridRenderer
 
@@ -30,7 +31,7 @@ HIT_WORDS, NO_HIT = 3, np.uint64(2**64 - 1)
 """as in core/render/irradiance/first_readers.h"""
 
 
-class CudaHybridRenderer(HybridRenderer):
+class CudaHybridRenderer(CudaRenderer, HybridRenderer):
     """`hybrid` with the bytes of the CPU, which traces the tick that fills the empty cache."""
 
     def __init__(
@@ -131,15 +132,6 @@ class CudaHybridRenderer(HybridRenderer):
             self._is_here = True
 
         return put
-
-    def device_light(self) -> DeviceLight:
-        """As of DeviceRenderer."""
-        return self._there.device_light()
-
-    @property
-    def features(self) -> dict[str, bool]:
-        """As of HybridRenderer."""
-        return {**super().features, "full_retrace": True}
 
     def lend(self) -> LentRenderer | str:
         """As of HybridRenderer."""
@@ -273,6 +265,7 @@ class DeviceList:
             EvsError: The GPU has no more memory.
         """
         self._gpu, self._each = gpu, each
+        self._here: npt.NDArray[np.uint8] | None = None
         self._make(room)
 
     def fit(self, count: int) -> bool:
@@ -283,13 +276,15 @@ class DeviceList:
         return False
 
     def download(self, count: int) -> npt.NDArray[np.uint8]:
-        """The bytes of the first so many."""
-        if not count:
-            return np.empty(0, np.uint8)
-        here = self._gpu.pinned((count * self._each,), np.uint8)
-        self._gpu.download(here, self.memory)
-        return here
+        """The bytes of the first so many; the array is valid until the next call."""
+        if self._here is None:
+            self._here = self._gpu.pinned((self.room * self._each,), np.uint8)
+        rows = self._here[: count * self._each]
+        if count:
+            self._gpu.download(rows, self.memory)
+        return rows
 
     def _make(self, room: int) -> None:
         self.room = room
         self.memory = self._gpu.allocate(room * self._each)
+        self._here = None

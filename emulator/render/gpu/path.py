@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from evs.emulator.base.features import UNFORCED, Switches
-from evs.emulator.base.gpu.arrays import DeviceLight
 from evs.emulator.base.gpu.compiler import kernels_of
 from evs.emulator.base.gpu.driver import DeviceMemory, the_gpu
 from evs.emulator.base.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.config import RenderConfig
 from evs.emulator.render.direct import DirectRenderer, LentRenderer
+from evs.emulator.render.gpu.renderer import CudaRenderer
 from evs.emulator.render.gpu.scene import UploadedScene
 from evs.emulator.render.path import PathRenderer
 
@@ -18,7 +18,7 @@ MOST_BYTES = 256 * 2**20
 """of the light of samples that is kept until it is added up"""
 
 
-class CudaPathRenderer(PathRenderer):
+class CudaPathRenderer(CudaRenderer, PathRenderer):
     """`path` with the bytes of the CPU. Every tick is rendered as a whole."""
 
     def __init__(
@@ -83,15 +83,6 @@ class CudaPathRenderer(PathRenderer):
             there.launch(self._trace, there.frame, there.paths, first, radiance, deep=count)
             there.launch(self._add, there.frame, first, many, radiance, sums, light)
         return there.download(into)
-
-    def device_light(self) -> DeviceLight:
-        """As of DeviceRenderer."""
-        return self._there.device_light()
-
-    @property
-    def features(self) -> dict[str, bool]:
-        """As of PathRenderer."""
-        return {**super().features, "full_retrace": True}
 
     def lend(self) -> LentRenderer | str:
         """As of PathRenderer."""
