@@ -173,9 +173,29 @@ DeviceArguments DeviceFrame::lay_out(DeviceBlock& constant, DeviceBlock& tick) c
   return {f, first, p, {}};
 }
 
+namespace {
+
+constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT;
+
+// How much all samples of a pixel count. In: untextured (h, w).
+float weight_of_pixel(const Kernel& kernel, const Frame& frame, int x, int y,
+                      const float* untextured) {
+  float near[9][PACKET] = {}, weight[PACKET];
+  const float* neighbours[9];
+  for (int i = 0; i < 9; i++) {
+    int column = std::clamp(x + i % 3 - 1, 0, frame.width - 1);
+    int row = std::clamp(y + i / 3 - 1, 0, frame.height - 1);
+    near[i][0] = untextured[static_cast<long>(row) * frame.width + column];
+    neighbours[i] = near[i];
+  }
+  kernel.refinement_weight(neighbours, weight);
+  return weight[0];
+}
+
+}  // namespace
+
 void render_device_frame(const Kernel& kernel, const DeviceArguments& arguments, float* luminance) {
   const Frame &frame = arguments.frame, &first_pass = arguments.first_pass;
-  constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT;
   bool adaptive = first_pass.samples > 0, path = arguments.paths.lobe_samples > 0;
   std::vector<float> untextured(adaptive ? static_cast<size_t>(frame.width) * frame.height : 0);
   auto at = [&](int x, int y) { return static_cast<long>(y) * frame.width + x; };
@@ -196,18 +216,10 @@ void render_device_frame(const Kernel& kernel, const DeviceArguments& arguments,
   });
   if (!adaptive) return;
   for_image([&](int x, int y) {
-    float near[9][PACKET] = {}, weight[PACKET], all;
-    const float* neighbours[9];
-    for (int i = 0; i < 9; i++) {
-      int column = std::clamp(x + i % 3 - 1, 0, frame.width - 1);
-      int row = std::clamp(y + i / 3 - 1, 0, frame.height - 1);
-      near[i][0] = untextured[static_cast<size_t>(at(column, row))];
-      neighbours[i] = near[i];
-    }
-    kernel.refinement_weight(neighbours, weight);
-    if (!(weight[0] > 0)) return;
+    float all, weight = weight_of_pixel(kernel, frame, x, y, untextured.data());
+    if (!(weight > 0)) return;
     kernel.trace_pixels(frame, &x, &y, 1, &all, nullptr);
-    luminance[at(x, y)] = blend(luminance[at(x, y)], all, weight[0]);
+    luminance[at(x, y)] = blend(luminance[at(x, y)], all, weight);
   });
 }
 
@@ -216,7 +228,6 @@ void trace_device_pixels(const Kernel& kernel, const DeviceArguments& arguments,
   const bool adaptive = arguments.first_pass.samples > 0;
   Frame frame = adaptive && !edges ? arguments.first_pass : arguments.frame;
   constexpr float EVERYWHERE = 1e30f;
-  constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT;
   int columns = frame.packet_columns, rows = (frame.height + PACKET_HEIGHT - 1) / PACKET_HEIGHT;
   std::vector<RayCone> cones(static_cast<size_t>(rows) * columns);
   std::fill(cones.begin(), cones.end(),
@@ -250,22 +261,14 @@ void trace_device_pixels(const Kernel& kernel, const DeviceArguments& arguments,
         light.untextured[at(x, y)] = untextured[static_cast<size_t>((y + 1) * stride + x + 1)];
       }
       if (!edges) continue;
-      float near[9][PACKET] = {}, weight[PACKET], refined[PACKET];
-      const float* neighbours[9];
-      for (int i = 0; i < 9; i++) {
-        int column = std::clamp(x + i % 3 - 1, 0, frame.width - 1);
-        int line = std::clamp(y + i / 3 - 1, 0, frame.height - 1);
-        near[i][0] = light.untextured[at(column, line)];
-        neighbours[i] = near[i];
-      }
-      kernel.refinement_weight(neighbours, weight);
+      float refined[PACKET], weight = weight_of_pixel(kernel, frame, x, y, light.untextured);
       light.luminance[at(x, y)] = light.base[at(x, y)];
-      if (!(weight[0] > 0)) continue;
+      if (!(weight > 0)) continue;
       int pixel = y % PACKET_HEIGHT * PACKET_WIDTH + x % PACKET_WIDTH;
       kernel.refine_hybrid(frame, arguments.paths, arguments.cache, *requests, x / PACKET_WIDTH,
                            y / PACKET_HEIGHT, 1u << pixel, refined, nullptr);
       requests->complete = true;
-      light.luminance[at(x, y)] = blend(light.base[at(x, y)], refined[pixel], weight[0]);
+      light.luminance[at(x, y)] = blend(light.base[at(x, y)], refined[pixel], weight);
     }
   }
   requests->keep(*requests);
