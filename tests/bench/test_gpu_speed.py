@@ -14,6 +14,7 @@ import pytest
 
 import evs
 from evs.drivers.clock import StopWatch
+from evs.emulator import _core
 from evs.emulator.base.cores import cores
 from evs.emulator.base.gpu.arrays import DeviceLight
 from evs.emulator.base.gpu.driver import the_gpu, why_no_gpu
@@ -31,10 +32,8 @@ TICKS_OF_LOOP, SETTLED, TENTH = 600, 99, 50
 TICKS_OF_CLOSED, TICKS_OF_MANY, TICKS_OF_SWEEP = 200, 40, 70
 SCENES = Path(__file__).parents[2] / "config/scenes"
 
-pytestmark = [
-    pytest.mark.bench,
-    pytest.mark.skipif(bool(why_no_gpu()), reason=why_no_gpu() or "there is one"),
-]
+pytestmark = pytest.mark.bench
+needs_gpu = pytest.mark.skipif(bool(why_no_gpu()), reason=why_no_gpu() or "there is one")
 
 
 def spread(ms: list[float]) -> str:
@@ -61,6 +60,24 @@ def frames(
     return light, ms[1:]
 
 
+def test_instruction_sets(robot_files: dict[str, Path]) -> None:
+    """Of the CPU, on one thread and before a camera that turns; no GPU is needed."""
+    print(f"\n{cores()} cores, {processor()}\n")
+    robot = model_of("gymnasium/humanoid", robot_files, soft=False)
+    films = {
+        "direct, 1 sample": (robot, "gymnasium/humanoid", RenderConfig(spp=1)),
+        "hybrid": (model_of("room", robot_files), "room", RenderConfig(renderer="hybrid")),
+        "path, 4 samples": (model_of("room", robot_files), "room", RenderConfig("path", 4)),
+    }
+    for name, (model, view, config) in films.items():
+        film = Film(model, "pan", *SIZES[0], TICKS_OF_ONE, VIEWS.get(view))
+        for isa in _core.isa_available():
+            light, ms = frames(film, replace(config, isa=isa), 1)
+            assert len(light) == TICKS_OF_ONE
+            print(f"| {view} | {name} | {isa} | {spread(ms)} |", flush=True)
+
+
+@needs_gpu
 def test_a_frame(robot_files: dict[str, Path]) -> None:
     print(f"\n{the_gpu().name}; {cores()} cores, {processor()}\n")
     print("| scene | image | camera | samples | GPU | CPU, 1 thread | CPU, all threads | bytes |")
@@ -86,6 +103,7 @@ def test_a_frame(robot_files: dict[str, Path]) -> None:
     assert differ == 0
 
 
+@needs_gpu
 def test_a_frame_of_paths(robot_files: dict[str, Path]) -> None:
     """64 samples at 640 x 360 are what the paper counts in."""
     print(f"\n{the_gpu().name}; {cores()} cores, {processor()}\n")
@@ -109,6 +127,7 @@ def test_a_frame_of_paths(robot_files: dict[str, Path]) -> None:
     assert differ == 0
 
 
+@needs_gpu
 def test_a_frame_of_soft_light(robot_files: dict[str, Path]) -> None:
     """With `hybrid`, over a tick in which its cache is swept: the longest one."""
     print(f"\n{the_gpu().name}; {cores()} cores, {processor()}\n")
@@ -159,6 +178,7 @@ def ticks_of_network(
     return events, ms[TICKS:]
 
 
+@needs_gpu
 def test_a_tick_of_evsnet(robot_files: dict[str, Path]) -> None:
     """Of 8 channels. `still` sees a robot that moves, `pan` makes every pixel move."""
     print(f"\n{the_gpu().name}; {cores()} cores, {processor()}\n")
@@ -205,6 +225,7 @@ def room(size: tuple[int, int], turning: bool, render: RenderConfig, pixels: str
     return world
 
 
+@needs_gpu
 def test_a_tick_in_an_open_loop() -> None:
     """Physics, light and pixels; light is made ahead of the pixels."""
     print(f"\n{the_gpu().name}; {cores()} cores, {processor()}\n")
@@ -237,6 +258,7 @@ def test_a_tick_in_an_open_loop() -> None:
     assert differ == 0
 
 
+@needs_gpu
 def test_a_tick_of_soft_light_in_a_closed_loop() -> None:
     """Physics, soft light and pixels, one after the other; all that a controller waits for."""
     print(f"\n{the_gpu().name}; {cores()} cores, {processor()}\n")
@@ -268,6 +290,7 @@ def test_a_tick_of_soft_light_in_a_closed_loop() -> None:
     assert differ == 0
 
 
+@needs_gpu
 @pytest.mark.parametrize("count", [64, 1024])
 def test_a_tick_of_many_worlds(count: int) -> None:
     """Physics, light and pixels of humanoids at 64 x 64; those on a GPU in one launch."""
