@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from evs.drivers.files.capabilities import Capabilities, can_begin_with, check_stamps, one_stream
-from evs.drivers.files.formats import AnyPath, Format, to_read, to_write
+from evs.drivers.files.formats import AnyPath, Format, ReadOptions, to_read, to_write
 from evs.drivers.files.metadata_file import check_metadata_replaceable, metadata_path
 from evs.drivers.files.multi_file import (
     MultiFileRecording,
@@ -64,6 +64,8 @@ class Converted:
     """start of the target's clock where it cannot hold the time stamps; None: they are kept"""
     left_out: dict[str, int] = field(default_factory=dict)
     """what was not written, as the target cannot hold it or evs does not read it -> how many"""
+    read_as: str = ""
+    """what was decided on what the source does not state; empty: nothing"""
     files: list[Path] = field(default_factory=list)
     """every file of the recording that was written; metadata (FILE.json) is not counted"""
 
@@ -79,7 +81,7 @@ def convert(
     kind: str | None = None,
     *,
     events_only: bool = False,
-    single: bool = False,
+    reading: ReadOptions | None = None,
     keep_start: bool = False,
     progress: Callable[[float], None] | None = None,
     **options: Any,
@@ -96,7 +98,7 @@ def convert(
         target: The file to write; its ending decides the format.
         kind: The format's name, where the ending does not decide.
         events_only: Leave out the auxiliary streams that the target cannot hold.
-        single: Copy only this file of the source.
+        reading: How the source is read: options of `read`.
         keep_start: Refuse to let the target's clock begin at the first time stamp.
         progress: Called with the share of the source that has been read, 0 ... 1.
         **options: Options of the target's recorder.
@@ -108,7 +110,7 @@ def convert(
         EvsError: The source cannot be read, the target cannot hold it, or it cannot be written.
     """
     found, wanted = to_read(source), to_write(target, kind)
-    file = found.open(Path(source)) if single else open_recording(source, found)
+    file = open_recording(source, found, **(reading or {}))
     target = Path(target)
     for path in file.paths if isinstance(file, MultiFileRecording) else [file.path]:
         _check_place(path, target)
@@ -124,7 +126,7 @@ def convert(
         )
     format_name = wanted.display_name
     stream = one_stream(target, [stream], limits, format_name)
-    result = Converted(target, found, wanted)
+    result = Converted(target, found, wanted, read_as=getattr(file, "read_as", ""))
     first = next(file.events(), None)
     if first is not None:
         shifted = _with_start(first, limits, stream)

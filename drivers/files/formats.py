@@ -14,7 +14,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from evs.drivers.files.capabilities import ANYTHING, Capabilities
 from evs.msgs import EvsError, unknown
@@ -32,6 +32,21 @@ if TYPE_CHECKING:
     from evs.drivers.sink import Sink
 
 AnyPath = str | os.PathLike[str]
+
+
+class ReadOptions(TypedDict, total=False):
+    """How a recording is read: keyword arguments of everything that reads one.
+
+    A format takes those that its row lists in `read_options`, and refuses others but `single`.
+    """
+
+    columns: str
+    """what the columns hold, as in "t,x,y,p" or "t=time,x=col,y=row,p=sign"; others are ignored"""
+    unit: str
+    """of its times: s, ms, us or ns"""
+    single: bool
+    """read only this file of a recording in several"""
+
 
 MAGIC_BYTES = 1024
 """how many of a file's first bytes `Format.matches` gets"""
@@ -57,6 +72,8 @@ class Format:
     capabilities: Capabilities = ANYTHING
     options: tuple[str, ...] = ()
     """keyword arguments of the recorder: keys of its sink in addition to `file`"""
+    read_options: tuple[str, ...] = ()
+    """those of ReadOptions that its reader takes"""
     capabilities_by_encoding: Mapping[str, Capabilities] = field(default_factory=dict)
     """value of the option `encoding` -> capabilities, where they differ"""
     shared_suffixes: tuple[str, ...] = ()
@@ -79,20 +96,27 @@ class Format:
         """What it can hold with the option `encoding`; None: the default encoding."""
         return self.capabilities_by_encoding.get(encoding or "", self.capabilities)
 
-    def open(self, path: Path) -> RecordingFile:
+    def open(self, path: Path, **options: Unpack[ReadOptions]) -> RecordingFile:
         """Open a file and read its header.
 
         Args:
             path: The file.
+            **options: Some of `read_options`; empty ones count as absent.
 
         Returns:
             The format's reader.
 
         Raises:
-            EvsError: The file is missing or not of this format, or the format's extra is not
-                installed.
+            EvsError: The file is missing or not of this format, it states itself what an option
+                would, or the format's extra is not installed.
         """
-        reader: RecordingFile = load(self.reader).at(path)
+        given = {name: value for name, value in options.items() if value and name != "single"}
+        for name in given:
+            if name not in self.read_options:
+                raise EvsError(
+                    f"{path} is {self.display_name}, which needs no --{name}: leave it out"
+                )
+        reader: RecordingFile = load(self.reader).at(path, **given)
         return reader
 
     def record(self, path: Path, **options: Any) -> Sink:

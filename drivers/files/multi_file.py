@@ -11,11 +11,11 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, Unpack, runtime_checkable
 
 import numpy as np
 
-from evs.drivers.files.formats import AnyPath, Format, to_read
+from evs.drivers.files.formats import AnyPath, Format, ReadOptions, to_read
 from evs.drivers.files.integrity import IntegrityReport
 from evs.drivers.files.recording_file import RecordingFile
 from evs.msgs import Events, EvsError, Frame, ImuSamples, Labels, StreamInfo, Triggers
@@ -200,12 +200,15 @@ class MultiFileRecording:
         self.integrity, self.left_out = report, left_out
 
 
-def open_recording(path: AnyPath, kind: Format | None = None) -> RecordingFile:
+def open_recording(
+    path: AnyPath, kind: Format | None = None, **options: Unpack[ReadOptions]
+) -> RecordingFile:
     """Open the recording that begins at a path.
 
     Args:
         path: The first file.
         kind: Its format; None: `formats.to_read` determines it.
+        **options: What the file does not state, and `single`.
 
     Returns:
         The reader of its only file, or a MultiFileRecording.
@@ -214,21 +217,24 @@ def open_recording(path: AnyPath, kind: Format | None = None) -> RecordingFile:
         EvsError: The first file cannot be read.
     """
     kind = kind or to_read(path)
-    first = kind.open(Path(path))
+    single = options.get("single", False)
+    first = kind.open(Path(path), **options)
     files = [first]
-    if isinstance(first, PartFile) and first.part == 0:
-        while (further := _next_part(kind, files)) is not None:
+    if not single and isinstance(first, PartFile) and first.part == 0:
+        while (further := _next_part(kind, files, options)) is not None:
             files.append(further)
     return first if len(files) == 1 else MultiFileRecording(files)
 
 
-def _next_part(kind: Format, files: list[RecordingFile]) -> RecordingFile | None:
+def _next_part(
+    kind: Format, files: list[RecordingFile], options: ReadOptions
+) -> RecordingFile | None:
     """The file that continues these files; None where there is none."""
     path = part_path(files[0].path, len(files))
     if not path.is_file():
         return None
     try:
-        found = kind.open(path)
+        found = kind.open(path, **options)
     except EvsError:
         # the recorder was killed while it wrote the header, or it is another kind of file
         return None

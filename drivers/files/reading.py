@@ -7,11 +7,11 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
-from evs.drivers.files.formats import AnyPath, to_read, to_write
+from evs.drivers.files.formats import AnyPath, ReadOptions, to_read, to_write
 from evs.drivers.files.integrity import Repair
 from evs.drivers.files.multi_file import MultiFileRecording, open_recording
 from evs.drivers.files.paths import target_error
@@ -176,27 +176,29 @@ class LeftOutWarning(UserWarning):
     """A recording holds valid data that evs does not read, such as frames in colour."""
 
 
-def read(path: AnyPath, *, single: bool = False) -> Recording:
+def read(path: AnyPath, **options: Unpack[ReadOptions]) -> Recording:
     """Read all events of a recording.
 
     A torn tail or damaged packets are left out, with a TornTailWarning or DamagedPacketWarning.
 
     Args:
         path: The recording, or the first file of one in several files (multi_file.py).
-        single: Read only this file.
+        **options: What the file does not state: `columns` of a table ("t,x,y,p"), `unit` of its
+            times ("s", "ms", "us", "ns"). `single=True` reads only this file of several.
 
     Returns:
         (n,) EVENT_DTYPE, with the rest of the recording in `.stream`, `.frames`, `.imu` and
         `.triggers`.
 
     Raises:
-        EvsError: The file does not exist, its ending is unknown, or it is not a recording.
+        EvsError: The file does not exist, its ending is unknown, it is not a recording, or it
+            cannot be told what its columns hold.
     """
-    file = opened(path, single=single)
+    file = opened(path, **options)
     events = _joined(file.events())
     file.integrity.warn(file.path)
     return Recording.of(
-        events, file.stream, AuxiliaryData(lambda: _auxiliary(path, single), file.labels)
+        events, file.stream, AuxiliaryData(lambda: _auxiliary(path, options), file.labels)
     )
 
 
@@ -217,14 +219,14 @@ def _joined(parts: Iterator[Events]) -> Events:
     return joined
 
 
-def packets(path: AnyPath, *, single: bool = False) -> Iterator[EventPacket]:
+def packets(path: AnyPath, **options: Unpack[ReadOptions]) -> Iterator[EventPacket]:
     """Read the event packets of a recording one by one, in little memory.
 
     Warns as `read` does, at the end.
 
     Args:
         path: As for `read`.
-        single: As for `read`.
+        **options: As for `read`.
 
     Yields:
         The packets, numbered from 0; their events are read-only. Ticks without events were not
@@ -233,14 +235,14 @@ def packets(path: AnyPath, *, single: bool = False) -> Iterator[EventPacket]:
     Raises:
         EvsError: As for `read`.
     """
-    file = opened(path, single=single)
+    file = opened(path, **options)
     for seq, events in enumerate(file.events()):
         yield as_packet(seq, events, file.stream)
     file.integrity.warn(file.path)
 
 
 def messages(
-    path: AnyPath, *, single: bool = False
+    path: AnyPath, **options: Unpack[ReadOptions]
 ) -> Iterator[EventPacket | Frame | ImuPacket | TriggerPacket]:
     """Read everything in a recording message by message, in the order recorded.
 
@@ -248,7 +250,7 @@ def messages(
 
     Args:
         path: As for `read`.
-        single: As for `read`.
+        **options: As for `read`.
 
     Yields:
         Event packets, frames, IMU packets and trigger packets, each kind numbered from 0.
@@ -256,7 +258,7 @@ def messages(
     Raises:
         EvsError: As for `read`.
     """
-    yield from messages_of(opened(path, single=single))
+    yield from messages_of(opened(path, **options))
 
 
 def messages_of(file: RecordingFile) -> Iterator[EventPacket | Frame | ImuPacket | TriggerPacket]:
@@ -277,9 +279,9 @@ def messages_of(file: RecordingFile) -> Iterator[EventPacket | Frame | ImuPacket
     _warn(file)
 
 
-def _auxiliary(path: AnyPath, single: bool) -> Iterator[Frame | ImuSamples | Triggers]:
+def _auxiliary(path: AnyPath, options: ReadOptions) -> Iterator[Frame | ImuSamples | Triggers]:
     """The auxiliary messages; the pass over the events has warned of damage already."""
-    file = opened(path, single=single)
+    file = opened(path, **options)
     if file.stream.frames or file.stream.imu or file.stream.triggers:
         yield from file.auxiliary()
         _warn_left_out(file)
@@ -296,13 +298,14 @@ def _warn_left_out(file: RecordingFile) -> None:
         warnings.warn(text, LeftOutWarning, stacklevel=3)
 
 
-def stream_of(path: AnyPath) -> StreamInfo:
+def stream_of(path: AnyPath, **options: Unpack[ReadOptions]) -> StreamInfo:
     """The description of a recording's stream: resolution, camera, seed, configuration, ...
 
     Raises:
         EvsError: As for `read`.
     """
-    return opened(path, single=True).stream
+    options["single"] = True
+    return opened(path, **options).stream
 
 
 def repair(path: AnyPath) -> Repair:
@@ -366,9 +369,9 @@ def recorder_for(
     return chosen.record(Path(path), **options)
 
 
-def opened(path: AnyPath, *, single: bool = False) -> RecordingFile:
+def opened(path: AnyPath, **options: Unpack[ReadOptions]) -> RecordingFile:
     """Open a recording and read its header. Arguments and errors as of `read`."""
-    return to_read(path).open(Path(path)) if single else open_recording(path)
+    return open_recording(path, **options)
 
 
 def parts(path: AnyPath) -> list[Path]:

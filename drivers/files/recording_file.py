@@ -93,6 +93,8 @@ class EventOnlyFile(ABC):
     labels: Labels | None = None
     table_packets: int | None = None
     broken_pointer: bool = False
+    read_as: str = ""
+    """what was decided on what the file does not state: columns and unit; empty: nothing"""
     unfinished: bool = False
     """its recorder was killed: evs reads it, other programs need `repair` first"""
 

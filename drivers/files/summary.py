@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
-from evs.drivers.files.formats import AnyPath, to_read
+from evs.drivers.files.formats import AnyPath, ReadOptions, to_read
 from evs.drivers.files.multi_file import MultiFileRecording, open_recording
 from evs.msgs import IMU_DTYPE, TRIGGER_DTYPE, Frame, StreamInfo
 
@@ -57,6 +57,8 @@ class Summary:
     """its recorder was killed: other programs need `evs info --repair` first"""
     files: list[str]
     """its files, if there are several"""
+    read_as: str = ""
+    """what was decided on what the file does not state: columns and unit; empty: nothing"""
 
     @property
     def duration_s(self) -> float:
@@ -69,18 +71,18 @@ class Summary:
         return self.events / self.duration_s if self.duration_s else None
 
 
-def summary(path: AnyPath, *, single: bool = False) -> Summary:
+def summary(path: AnyPath, **options: Unpack[ReadOptions]) -> Summary:
     """Read a whole recording and count what it contains. Damage is reported, without warnings.
 
     Args:
         path: The recording, or the first file of one in several files.
-        single: Read only this file.
+        **options: As for `read`.
 
     Raises:
         EvsError: The file does not exist, its ending is unknown, or it is not a recording.
     """
     kind = to_read(path)
-    file = kind.open(Path(path)) if single else open_recording(path, kind)
+    file = open_recording(path, kind, **options)
     count = packets_seen = on = first_us = last_us = triggers = 0
     frame_stamps: list[int] = []
     imu_stamps: list[int] = []
@@ -127,6 +129,7 @@ def summary(path: AnyPath, *, single: bool = False) -> Summary:
         triggers=triggers,
         unfinished=getattr(file, "unfinished", False),
         files=[str(one) for one in file.paths] if isinstance(file, MultiFileRecording) else [],
+        read_as=getattr(file, "read_as", ""),
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from evs.drivers import files
 from evs.drivers.clock import Pacer
+from evs.drivers.files.formats import ReadOptions
 from evs.drivers.run.sink_set import SinkSet
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, TriggerPacket, make_events
 
@@ -33,7 +34,7 @@ class Player:
         start_us: int | None = None,
         stop_us: int | None = None,
         rounds: int = 1,
-        single: bool = False,
+        reading: ReadOptions | None = None,
     ) -> None:
         """Prepare; nothing is opened.
 
@@ -45,7 +46,7 @@ class Player:
             stop_us: Messages after this are left out, us of the recording; None: to the last.
             rounds: How often it is played; 0: until it is stopped. Time goes on: each round
                 begins where the one before ended.
-            single: As of `files.read`.
+            reading: How the recording is read: options of `files.read`.
 
         Raises:
             EvsError: The part is empty, or the number of rounds is negative.
@@ -59,7 +60,7 @@ class Player:
                 f"nothing lies between {self._start_us} us and {self._stop_us} us: give a later "
                 "stop, or an earlier start"
             )
-        self._file, self._single, self._rounds = file, single, rounds
+        self._file, self._reading, self._rounds = file, reading or {}, rounds
         self._sinks, self._pacer = sinks, pacer
         self.played: Counter[str] = Counter()
         """packets, events, frames, imu (samples), triggers, rounds (whole ones)"""
@@ -77,7 +78,7 @@ class Player:
         Raises:
             EvsError: The recording cannot be read, has nothing in the part, or a sink failed.
         """
-        stream = files.opened(self._file, single=self._single).stream
+        stream = files.opened(self._file, **self._reading).stream
         self._sinks.open([stream])
         begun()
         later_us = 0
@@ -103,7 +104,7 @@ class Player:
 
     def _part(self) -> Iterator[Message]:
         """The messages of the part; packets at its ends lose the events outside."""
-        for message in files.messages(self._file, single=self._single):
+        for message in files.messages(self._file, **self._reading):
             first_us, last_us = _interval(message)
             if isinstance(message, EventPacket):
                 if last_us <= self._start_us or first_us >= self._stop_us:

@@ -6,10 +6,19 @@ import argparse
 import textwrap
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from evs.launch.support.options import add_pipeline_options, add_single_option, parse_pipeline
+from evs.launch.support.options import (
+    add_pipeline_options,
+    add_reading_options,
+    parse_pipeline,
+    reading_options,
+)
 from evs.launch.support.reinvoke import command
 from evs.msgs import EvsError
+
+if TYPE_CHECKING:
+    from evs.drivers.files.formats import ReadOptions
 
 EPILOG = """\
 examples:
@@ -37,7 +46,11 @@ OPTIONS = {
     "slowdown": ("film.slowdown", "N", "films: they show the world N times slower than it was"),
     "substeps": ("film.substeps", "N", "films: steps from frame to frame; invents no motion"),
     "between": ("film.between", "LINE", "films: what goes straight in substeps: log or linear"),
-    "unit": ("film.unit", "UNIT", "films: auto, srgb, luminance, dn (as v2e) or lux"),
+    "unit": (
+        "film.unit",
+        "UNIT",
+        "light of films: auto, srgb, luminance, dn or lux; time of tables: s, ms, us or ns",
+    ),
     "fit": ("film.fit", "WAY", "films: crop, stretch or exact"),
     "crop": ("film.crop", "X,Y,W,H", "films: the part to take, px"),
     "sensor": ("sensor.preset", "NAME", "films: sensor preset"),
@@ -47,7 +60,12 @@ OPTIONS = {
 }
 """option -> (the key it is short for, placeholder, one line). Only films have them."""
 
-_RECORDINGS_ONLY = {"events_only": "--events-only", "single": "--single", "start": "--start"}
+_RECORDINGS_ONLY = {
+    "events_only": "--events-only",
+    "single": "--single",
+    "columns": "--columns",
+    "start": "--start",
+}
 
 
 STOPPED = {"interrupted": 130, "terminated": 143}
@@ -86,7 +104,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "first stamp and record the offset in its header; keep: stop with an error",
     )
     parser.add_argument("--force", action="store_true", help="replace OUT if it exists")
-    add_single_option(parser)
+    add_reading_options(parser, unit=False)
     parser.add_argument(
         "--quiet", action="store_true", help="print nothing but warnings and errors"
     )
@@ -105,16 +123,20 @@ def run(args: argparse.Namespace) -> int:
     to_write(args.target, args.format)
     if not args.force:
         check_new([args.target])
+    film = is_film(args.source)
+    reading = reading_options(args)
+    if not film:
+        args.unit = None
     stray, overrides = parse_pipeline(args, OPTIONS)
     if stray is not None:
         raise EvsError(f"'{stray}' is not key=value, as in sensor.pos_thres=0.3")
-    if is_film(args.source):
+    if film:
         return _film(args, options, overrides)
     if overrides:
         raise EvsError(
             f"{overrides[0][0]} is for films and folders of frames; '{args.source}' is a recording"
         )
-    return _recording(args, options)
+    return _recording(args, options, reading)
 
 
 def _film(
@@ -154,7 +176,7 @@ def _film(
     return STOPPED.get(report.ended.split()[0], 2 if stopped or write_reports.failures else 0)
 
 
-def _recording(args: argparse.Namespace, options: dict[str, str]) -> int:
+def _recording(args: argparse.Namespace, options: dict[str, str], reading: ReadOptions) -> int:
     """Write a recording in another format."""
     from evs.drivers.files import convert
     from evs.launch.support import terminal
@@ -165,7 +187,7 @@ def _recording(args: argparse.Namespace, options: dict[str, str]) -> int:
             args.target,
             args.format,
             events_only=args.events_only,
-            single=args.single,
+            reading=reading,
             keep_start=args.start == "keep",
             progress=_step_by_step(moved, _STEPS),
             **options,
@@ -177,6 +199,8 @@ def _recording(args: argparse.Namespace, options: dict[str, str]) -> int:
     counted = ", ".join(f"{count:,} {what}" for what, count in counts if count or what == "events")
     several = f" in {len(done.files)} files" if len(done.files) > 1 else ""
     print(f"{args.target}: {counted}, {done.size / 1e6:.2f} MB{several}")
+    if done.read_as:
+        print(f"read as: {done.read_as}")
     if done.start_us is not None:
         print(f"start: its clock begins at {done.start_us} us; its header holds this offset")
     if done.left_out:

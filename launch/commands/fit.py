@@ -7,9 +7,11 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from evs.launch.support.options import add_reading_options, reading_options
 from evs.msgs import EvsError
 
 if TYPE_CHECKING:
+    from evs.drivers.files.formats import ReadOptions
     from evs.tools.fit import FittedCamera, Light, Observed
 
 BASE = "davis346"
@@ -59,6 +61,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=BASE,
         help=f"sensor that has all other values: a preset or a .toml file ({BASE})",
     )
+    add_reading_options(parser, single=False)
     add("-o", "--output", metavar="FILE.toml", help="write the sensor file")
     add("--picture", metavar="FILE.png", help="draw the recordings beside the fitted sensor")
     add("--json", nargs="?", const="-", metavar="FILE", help="write all numbers; -: to stdout")
@@ -119,22 +122,25 @@ def _lights(args: argparse.Namespace) -> list[Light]:
             "the darkest"
         )
     lights = []
+    reading = reading_options(args)
     if args.dark:
-        lights.append(Light(_read(args.dark), "dark", 0.0))
+        lights.append(Light(_read(args.dark, reading), "dark", 0.0))
     if args.still:
-        lights.append(Light(_read(args.still), "still", args.still_lux))
+        lights.append(Light(_read(args.still, reading), "still", args.still_lux))
     if args.ramp:
-        lights.append(Light(_read(args.ramp), "ramp", None, args.contrast, args.period))
+        lights.append(Light(_read(args.ramp, reading), "ramp", None, args.contrast, args.period))
     if args.lamp:
-        lights.append(Light(_read(args.lamp), "lamp", args.lux, args.contrast, args.period))
-    return lights + [Light(_read(name)) for name in args.recordings]
+        lights.append(
+            Light(_read(args.lamp, reading), "lamp", args.lux, args.contrast, args.period)
+        )
+    return lights + [Light(_read(name, reading)) for name in args.recordings]
 
 
-def _read(name: str) -> Observed:
+def _read(name: str, reading: ReadOptions) -> Observed:
     from evs.drivers.files import read
     from evs.tools.fit import Observed
 
-    return Observed.of(read(name), Path(name).name)
+    return Observed.of(read(name, **reading), Path(name).name)
 
 
 def _rows(fitted: FittedCamera) -> list[tuple[str, ...]]:

@@ -8,7 +8,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from evs.launch.support.options import add_single_option
+from evs.launch.support.options import add_reading_options, reading_options
 from evs.launch.support.reinvoke import command
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--repair", action="store_true", help="first cut a torn tail in place; keeps every packet"
     )
-    add_single_option(parser)
+    add_reading_options(parser)
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
     form.add_argument(
@@ -41,9 +41,9 @@ def run(args: argparse.Namespace) -> int:
     paths = [args.file] if args.single or not args.repair else parts(args.file)
     repaired = [repair(path) for path in paths] if args.repair else []
     if args.camera_info:
-        print(calibration_yaml(stream_of(args.file)), end="")
+        print(calibration_yaml(stream_of(args.file, **reading_options(args))), end="")
         return 0
-    found = summary(args.file, single=args.single)
+    found = summary(args.file, **reading_options(args))
     if args.json:
         data = dataclasses.asdict(found)
         data |= {"duration_s": found.duration_s, "rate_hz": found.rate_hz}
@@ -81,6 +81,8 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
         *_randomised(stream),
         ("versions", versions or "not given"),
     ]
+    if found.read_as:
+        lines.insert(2, ("read as", found.read_as))
     if found.files:
         lines.insert(1, ("files", f"{len(found.files)}, up to {found.files[-1]}"))
     later = [path for path in later_parts(Path(found.path)) if str(path) not in found.files]

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from evs.launch.support.options import add_single_option
+from evs.launch.support.options import add_reading_options, reading_options
 from evs.msgs import DEFAULT_ADDRESS, EvsError
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="sink.N.key=value",
         help="other sinks than the bus, with the keys of [[sink]] (evs emulate --help)",
     )
-    add_single_option(parser)
+    add_reading_options(parser)
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument(
         "--speed",
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
         start_us=_us("--start", args.start),
         stop_us=_us("--stop", args.stop),
         rounds=args.rounds,
-        single=args.single,
+        reading=reading_options(args),
     )
     where = ", ".join(table.address or table.file or table.type for table in tables)
     begun = f"playing {args.file} to {where} (Ctrl-C ends)"

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from evs.launch.support import options
-from evs.launch.support.options import add_single_option
+from evs.launch.support.options import add_reading_options, reading_options
 from evs.msgs import Events, EvsError
 
 if TYPE_CHECKING:
+    from evs.drivers.files.formats import ReadOptions
     from evs.drivers.files.reading import Recording
     from evs.drivers.pictures import Playback
 
@@ -54,7 +55,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--start", metavar="S", type=float, help="start time (default: the first event)")
     add("--stop", metavar="S", type=float, help="end time (default: the last event)")
     add("--scale", metavar="N", type=int, help="picture pixels per sensor pixel (default: by size)")
-    add_single_option(parser)
+    add_reading_options(parser)
     live_view = parser.add_argument_group("live")
     live_view.add_argument(
         "--live", metavar="ADDRESS", help="show the stream of a publisher instead"
@@ -129,7 +130,7 @@ def run(args: argparse.Namespace) -> int:
         need_video()
     if args.scale is not None and not 1 <= args.scale <= MAX_SCALE:
         raise EvsError(f"--scale is {args.scale}: give a whole number from 1 to {MAX_SCALE}")
-    recording = _read(args.file, args.single)
+    recording = _read(args.file, reading_options(args))
     playback = _playback(args, recording)
     if suffix == ".png":
         shown = _still(out, recording, playback, args.scale, Path(args.file).name)
@@ -146,12 +147,12 @@ def _only(what: str, args: argparse.Namespace, others: tuple[str, ...]) -> None:
             raise EvsError(f"--{name} is for recordings: leave it out with {what}")
 
 
-def _read(file: str, single: bool) -> Recording:
+def _read(file: str, reading: ReadOptions) -> Recording:
     from evs.drivers.files import read
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        recording = read(file, single=single)
+        recording = read(file, **reading)
     for warning in caught:
         print(f"evs: warning: {warning.message}", file=sys.stderr)
     if not len(recording):

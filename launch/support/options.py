@@ -5,9 +5,13 @@ from __future__ import annotations
 import argparse
 import textwrap
 from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING
 
 from evs.launch.support.completion import pipeline_words
 from evs.msgs import EvsError
+
+if TYPE_CHECKING:
+    from evs.drivers.files.formats import ReadOptions
 
 Options = Mapping[str, tuple[str, str, str]]
 """option -> (the key it is short for, placeholder, help line). Defaults are declared with the keys.
@@ -94,13 +98,46 @@ def add_key_options(parser: argparse._ActionsContainer) -> None:
     )
 
 
-def add_single_option(parser: argparse.ArgumentParser) -> None:
-    """Add --single: read one file of a recording that continues in several."""
+def add_reading_options(
+    parser: argparse.ArgumentParser, single: bool = True, unit: bool = True
+) -> None:
+    """Add what `reading_options` reads: how a recording is to be read.
+
+    Args:
+        parser: Of a command that reads recordings.
+        single: Add --single too.
+        unit: Add --unit too; a command that has one of its own does not need it.
+    """
     parser.add_argument(
-        "--single",
-        action="store_true",
-        help="read this file only, even if the recording continues in FILE-001, FILE-002, ...",
+        "--columns",
+        metavar="NAMES",
+        help="what the columns of a table (text, npz, HDF5) hold, as in t,x,y,p, or their names, "
+        "as in t=time,x=col,y=row,p=sign (default: found from names and values)",
     )
+    if unit:
+        parser.add_argument(
+            "--unit",
+            metavar="UNIT",
+            help="of the times of a table: s, ms, us or ns (default: found from names and values)",
+        )
+    if single:
+        parser.add_argument(
+            "--single",
+            action="store_true",
+            help="read this file only, even if the recording continues in FILE-001, FILE-002, ...",
+        )
+
+
+def reading_options(args: argparse.Namespace) -> ReadOptions:
+    """The options of `add_reading_options` that were given, as `evs.read` takes them."""
+    given: ReadOptions = {}
+    if args.columns:
+        given["columns"] = args.columns
+    if args.unit:
+        given["unit"] = args.unit
+    if getattr(args, "single", False):
+        given["single"] = True
+    return given
 
 
 def keys_text(without: Collection[str] = ()) -> str:
