@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from evs.emulator.simulation.virtual_camera import VirtualCamera
     from evs.emulator.simulation.world import World
     from evs.emulator.simulation.worlds import Worlds
-    from evs.emulator.world import LeftOutWarning, UnstableError
+    from evs.emulator.world import LeftOutWarning, UnstableError, UnstableWarning
     from evs.msgs import Observation
 
     Loop = ClosedLoop
@@ -43,6 +43,7 @@ _HOMES = {
     "Pixels": "evs.emulator.simulation.pixels:Pixels",
     "Sensor": "evs.emulator.simulation.event_camera:EventCamera",
     "UnstableError": "evs.emulator.world:UnstableError",
+    "UnstableWarning": "evs.emulator.world:UnstableWarning",
     "View": "evs.emulator.camera.view:View",
     "VirtualCamera": "evs.emulator.simulation.virtual_camera:VirtualCamera",
     "World": "evs.emulator.simulation.world:World",
@@ -59,6 +60,7 @@ __all__ = [
     "Pixels",
     "Sensor",
     "UnstableError",
+    "UnstableWarning",
     "View",
     "VirtualCamera",
     "World",

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
-from evs.drivers.environments.event_env import EpisodeCamera, EventEnv
+from evs.drivers.environments.event_env import EpisodeCameras, EventEnv
 from evs.drivers.environments.physics import holds_environments, is_gymnasium
 from evs.emulator import EventCamera
+from evs.emulator.camera.camera_plan import free_name
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.world import MjModel
 from evs.msgs import EvsError
@@ -16,7 +19,7 @@ EVERY = ("substep", "step")
 
 def wrap(
     env: Any,
-    camera: str | CameraConfig = "",
+    camera: str | CameraConfig | Sequence[str | CameraConfig] = "",
     *,
     every: str = "substep",
     sensor: str | SensorConfig = "davis346",
@@ -38,9 +41,15 @@ def wrap(
     camera of its own, `events` has those of environment i as its item i, and `event_cameras` are
     theirs.
 
+    With a list of cameras, `events` and `event_camera` are dicts by their names. Calls may be
+    nested: each wrapper has the events of its own cameras.
+
+    If the physics becomes unstable, MuJoCo resets the data by itself: events begin anew,
+    `instabilities` counts it, and the first one is an `evs.emulator.UnstableWarning`.
+
     Args:
         env: The environment; its step and reset give what they gave.
-        camera: As of EventCamera, and so the others.
+        camera: As of EventCamera, and so the others; or a list of cameras.
         every: When the camera looks: in every "substep" of the physics, or after every "step" of
             the environment, which is faster and sees what moves jump.
         sensor: Its preset or configuration.
@@ -50,8 +59,8 @@ def wrap(
         threads: Worker threads; 0: one a core.
 
     Returns:
-        The environment with `events`, (n,) EVENT_DTYPE of its last step, and `event_camera`, the
-        EventCamera. One of Gymnasium is a gymnasium.Wrapper.
+        The environment with `events`, (n,) EVENT_DTYPE of its last step, `event_camera`, the
+        EventCamera, and `instabilities`. One of Gymnasium is a gymnasium.Wrapper.
 
     Raises:
         EvsError: No physics of MuJoCo is found, or as of EventCamera.
@@ -75,17 +84,32 @@ def wrap(
 
         return EventVectorWrapper(env, one)
 
-    def make(model: MjModel) -> EventCamera:
-        return EventCamera(
-            model,
-            camera,
-            sensor=sensor,
-            render=render,
-            model_config=model_config,
-            threads=threads,
-        )
+    keyed = not isinstance(camera, str | CameraConfig)
+    wanted = [camera] if isinstance(camera, str | CameraConfig) else list(camera)
+    if not wanted:
+        raise EvsError("camera is an empty list: give the names of cameras")
 
-    episode = EpisodeCamera(env, make, every, seed)
+    def make(model: MjModel) -> dict[str, EventCamera]:
+        made: dict[str, EventCamera] = {}
+        for one in wanted:
+            new = partial(
+                EventCamera,
+                model,
+                camera=one,
+                sensor=sensor,
+                render=render,
+                model_config=model_config,
+                threads=threads,
+            )
+            event_camera = new()
+            name = event_camera.info.camera
+            if name in made:
+                name = free_name(None, name, tuple(made))
+                event_camera = new(name=name)
+            made[name] = event_camera
+        return made
+
+    episode = EpisodeCameras(env, make, len(wanted), every, seed, keyed)
     if not is_gymnasium(env):
         return EventEnv(env, episode)
     from evs.drivers.gym.event_wrapper import EventWrapper

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 from evs.drivers.gym.library import vector
-from evs.emulator import EventCamera
 from evs.emulator.simulation.world_batch import stacked
 from evs.emulator.simulation.worlds import WorldsEvents
+from evs.msgs import Events
 
 
 class EventVectorWrapper(vector.VectorWrapper):
@@ -29,12 +29,26 @@ class EventVectorWrapper(vector.VectorWrapper):
         self._wrapped = inner.envs
 
     @property
-    def events(self) -> WorldsEvents:
-        """Those of the last step: item i is (n,) EVENT_DTYPE of environment i."""
-        parts = [one.events for one in self._wrapped]
-        return WorldsEvents(*stacked(parts, [len(part) for part in parts]))
+    def events(self) -> Any:
+        """WorldsEvents of the last step: item i is (n,) EVENT_DTYPE of environment i.
+
+        If `wrap` got a list of cameras: a dict of them by the names of the cameras.
+        """
+        seen = [one.events for one in self._wrapped]
+        if isinstance(seen[0], dict):
+            return {name: _worlds_events([one[name] for one in seen]) for name in seen[0]}
+        return _worlds_events(seen)
 
     @property
-    def event_cameras(self) -> list[EventCamera]:
-        """The EventCamera of each environment."""
+    def event_cameras(self) -> list[Any]:
+        """The `event_camera` of each environment."""
         return [one.event_camera for one in self._wrapped]
+
+    @property
+    def instabilities(self) -> list[int]:
+        """Those of each environment. See HasEvents."""
+        return [one.instabilities for one in self._wrapped]
+
+
+def _worlds_events(parts: list[Events]) -> WorldsEvents:
+    return WorldsEvents(*stacked(parts, [len(part) for part in parts]))

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from evs.drivers.environments.event_env import EpisodeCamera, HasEvents
+from evs.drivers.environments.event_env import EpisodeCameras, HasEvents
 from evs.drivers.gym.library import gymnasium
 
 
 class EventWrapper(HasEvents, gymnasium.Wrapper[Any, Any, Any, Any]):
     """The environment, with `events` and `event_camera`. See evs.wrap."""
 
-    def __init__(self, env: gymnasium.Env[Any, Any], episode: EpisodeCamera) -> None:
+    def __init__(self, env: gymnasium.Env[Any, Any], episode: EpisodeCameras) -> None:
         """See evs.wrap."""
         super().__init__(env)
         self._episode = episode

@@ -23,7 +23,15 @@ from evs.emulator.state import (
     words,
 )
 from evs.emulator.state.versions import versions
-from evs.emulator.world import LiveScene, MjData, MjModel, ModelDigest, SnapshotTaker
+from evs.emulator.world import (
+    LiveScene,
+    MjData,
+    MjModel,
+    ModelDigest,
+    SnapshotTaker,
+    StabilityWatch,
+    UnstableError,
+)
 from evs.msgs import (
     EventPacket,
     Events,
@@ -109,6 +117,7 @@ class EventCamera:
         self._taker = SnapshotTaker(model, [self._camera.bound])
         self._history = SnapshotHistory(self._taker)
         self._packet: EventPacket | None = None
+        self._stability = StabilityWatch()
 
     def _see_edits(self) -> None:
         """Show the model as it is now, where somebody has edited it. Raises EvsError."""
@@ -150,6 +159,8 @@ class EventCamera:
             (n,) EVENT_DTYPE, the events since the last call, sorted by t, us of `data.time`.
 
         Raises:
+            UnstableError: The simulation became unstable and MuJoCo reset the data, so that time
+                went back. A `UnstableWarning` reports other instabilities, once.
             EvsError: Time did not advance, the data is not of this model, or the model was edited
                 into something that cannot be shown.
         """
@@ -167,8 +178,11 @@ class EventCamera:
                 "it begin at 0"
             )
         self._scene.check_data(data)
+        unstable = self._stability.look(self._model, data)
         self._see_edits()
         t_us = round(data.time * 1e6)
+        if unstable is not None and self._t_us is not None and t_us <= self._t_us:
+            raise UnstableError(f"{unstable}: call reset() of the camera to go on")
         passed_us = self._tick_us if self._t_us is None else max(t_us - self._t_us, 0)
         snapshot = self._history.snapshot(data, t_us, passed_us)
         self._t_us = t_us
@@ -198,6 +212,7 @@ class EventCamera:
         self._scene.compare_large_arrays()
         self._history.reset()
         self._packet, self._t_us = None, None
+        self._stability.forget()
 
     def adjust(self, **keys: object) -> None:
         """Change parameters of the sensor while it runs, from the next observe on.
@@ -244,6 +259,7 @@ class EventCamera:
         self._camera.restoring(part(saved, "camera"), seed, now, previous)()
         self._history, self._packet = moments, None
         self._t_us = t_us[0] if t_us else None
+        self._stability.forget()
 
     def _arrays(self) -> Saved:
         return {
@@ -299,6 +315,11 @@ class EventCamera:
     def events_dropped(self) -> dict[str, int]:
         """Events that the readout dropped since the last reset, by cause (empty: it is ideal)."""
         return self._camera.events_dropped
+
+    @property
+    def instabilities(self) -> int:
+        """Number of observes before which MuJoCo found a bad position, velocity or acceleration."""
+        return self._stability.count
 
     @property
     def rebuilt(self) -> dict[str, int]:

@@ -49,8 +49,10 @@ from evs.emulator.world.model import (
 from evs.emulator.world.object_classes import ObjectClasses, object_classes
 from evs.emulator.world.physics import (
     Physics,
+    StabilityWatch,
     Substeps,
     UnstableError,
+    UnstableWarning,
     fill_tick,
     gravity_of,
     moving_bodies,
@@ -89,8 +91,10 @@ __all__ = [
     "SceneKey",
     "SceneValues",
     "SnapshotTaker",
+    "StabilityWatch",
     "Substeps",
     "UnstableError",
+    "UnstableWarning",
     "actuator_names",
     "add_joint_sensors",
     "bind_camera",

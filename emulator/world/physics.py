@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import math
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -203,6 +204,11 @@ FATAL = {
 
 _FATAL = np.array([*FATAL])
 
+RESETTING = np.array(
+    [Warnings.mjWARN_BADQPOS, Warnings.mjWARN_BADQVEL, Warnings.mjWARN_BADQACC], np.int64
+)
+"""The warnings after which MuJoCo resets the data by itself, where autoreset is on."""
+
 MAX_TICKS = 2**52
 """1 us each: 142 years"""
 
@@ -210,6 +216,65 @@ SILENT = 1
 """MuJoCo prints a warning whose count is 0. Counts begin here; the error reports it instead."""
 
 _SILENT = [SILENT] * len(FATAL)
+
+
+class UnstableWarning(UserWarning):
+    """A simulation that somebody else steps was unstable. Once for each watch."""
+
+
+def _unstable_joint(model: mujoco.MjModel, warning: int, info: int) -> str:
+    """The joint and body that one of RESETTING is about."""
+    if warning == Warnings.mjWARN_BADQPOS:
+        return joint_place(model, joint_of_position(model, info))
+    return joint_place(model, int(model.dof_jntid[info]))
+
+
+class StabilityWatch:
+    """Notices that MuJoCo found the state of data bad, which somebody else steps.
+
+    MuJoCo resets such data by itself: they look as if they had been reset on purpose. Their count
+    of warnings shows the difference, since a reset sets it to 0.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        """looks at which the simulation had become unstable"""
+        self._t_s = math.nan
+        self._numbers = np.zeros(len(RESETTING), np.int64)
+
+    def forget(self) -> None:
+        """Compare the next look with nothing: the data was reset, or is another one."""
+        self._t_s = math.nan
+
+    def look(self, model: mujoco.MjModel, data: mujoco.MjData) -> str | None:
+        """Compare the data with the last look; a UnstableWarning for the first trouble.
+
+        Args:
+            model: Of the data.
+            data: Stepped since the last look.
+
+        Returns:
+            When, what and where, where the simulation became unstable since then, else None.
+        """
+        numbers, t_s = data.warning.number[RESETTING], self._t_s
+        # a reset begins to count again
+        before = 0 if data.time <= t_s else self._numbers
+        more = numbers > before
+        first, self._t_s, self._numbers = math.isnan(t_s), data.time, numbers.copy()
+        if first or not more.any():
+            return None
+        self.count += 1
+        warning = int(RESETTING[more.argmax()])
+        info = int(data.warning[warning].lastinfo)
+        text = (
+            f"unstable after t = {t_s:.6f} s: {FATAL[warning]} at "
+            f"{_unstable_joint(model, warning, info)}"
+        )
+        if not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_AUTORESET):
+            text += "; MuJoCo has reset the data by itself"
+        if self.count == 1:
+            warnings.warn(text, UnstableWarning, stacklevel=3)
+        return text
 
 
 class Physics:
@@ -365,10 +430,8 @@ class Physics:
         model = self.model
         if warning == Warnings.mjWARN_BADCTRL:
             return f"actuator '{self._actuator(info)}'"
-        if warning == Warnings.mjWARN_BADQPOS:
-            return joint_place(model, joint_of_position(model, info))
-        if warning in (Warnings.mjWARN_BADQVEL, Warnings.mjWARN_BADQACC):
-            return joint_place(model, int(model.dof_jntid[info]))
+        if warning in RESETTING:
+            return _unstable_joint(model, warning, info)
         return self._most_touched()
 
     def _actuator(self, control: int) -> str:

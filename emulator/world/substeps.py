@@ -13,41 +13,40 @@ from contextlib import contextmanager
 import mujoco
 from mujoco import MjData, MjModel
 
-_watchers: dict[int, Callable[[], None]] = {}
-"""id of a MjData -> called after each of its steps"""
+_watchers: dict[int, list[Callable[[], None]]] = {}
+"""id of a MjData -> called after each of its steps, in this order"""
 
 _step, _step2 = mujoco.mj_step, mujoco.mj_step2
 
 
 def mj_step(m: MjModel, d: MjData, nstep: int = 1) -> None:
     """MuJoCo's mj_step, which tells who watches the data."""
-    watcher = _watchers.get(id(d))
-    if watcher is None:
+    watchers = _watchers.get(id(d))
+    if watchers is None:
         _step(m, d, nstep)
         return
     for _ in range(nstep):
         _step(m, d)
-        watcher()
+        for watcher in watchers:
+            watcher()
 
 
 def mj_step2(m: MjModel, d: MjData) -> None:
     """MuJoCo's mj_step2, which tells who watches the data."""
     _step2(m, d)
-    watcher = _watchers.get(id(d))
-    if watcher is not None:
+    for watcher in _watchers.get(id(d), ()):
         watcher()
 
 
 @contextmanager
 def watching(data: MjData, watcher: Callable[[], None]) -> Iterator[None]:
-    """Call `watcher` after each physics step of the data, while this is open."""
+    """Call `watcher` after each physics step of the data, while this is open. It may be nested."""
     mujoco.mj_step, mujoco.mj_step2 = mj_step, mj_step2
-    before = _watchers.get(id(data))
-    _watchers[id(data)] = watcher
+    watchers = _watchers.setdefault(id(data), [])
+    watchers.append(watcher)
     try:
         yield
     finally:
-        if before is None:
+        watchers.remove(watcher)
+        if not watchers:
             del _watchers[id(data)]
-        else:
-            _watchers[id(data)] = before

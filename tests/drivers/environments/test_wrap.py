@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,7 +16,9 @@ import numpy as np
 import pytest
 
 import evs
-from evs.msgs import Events, EvsError, join_events
+from evs.drivers.environments.physics import find_physics
+from evs.emulator import UnstableError, UnstableWarning
+from evs.msgs import Events, EvsError, empty_events, join_events
 
 BALL = """
 <mujoco><option timestep=".002"/><worldbody><light pos="0 0 3"/>
@@ -249,6 +252,114 @@ def test_a_vector_of_processes_is_wrapped_before_they_start() -> None:
         vector.close()
 
 
+@pytest.mark.parametrize("kind", [Ball, Suite])
+def test_several_cameras_see_one_environment(kind: Any) -> None:
+    above = evs.CameraConfig(lookat=(0, 0, 0.8), distance=1.0)
+    env = evs.wrap(kind(), ["eye", above, above], sensor=SENSOR, threads=1)
+    nested = wrapped(kind())
+    for camera in (above, above):
+        nested = evs.wrap(nested, camera, sensor=SENSOR, threads=1)
+    assert list(env.event_camera) == ["eye", "free", "free_2"]
+    for each in (env, nested):
+        each.reset(seed=4) if kind is Ball else each.reset()
+    together: list[Events] = [empty_events()] * 3
+    one_by_one = together.copy()
+    for _ in range(4):
+        env.step(None)
+        nested.step(None)
+        apart = [nested.env.env.events, nested.env.events, nested.events]
+        for k, (seen, expected) in enumerate(zip(env.events.values(), apart, strict=True)):
+            together[k] = join_events([together[k], seen])
+            one_by_one[k] = join_events([one_by_one[k], expected])
+    assert [len(seen) > 20 for seen in together] == [True] * 3
+    assert [seen.tobytes() for seen in together] == [seen.tobytes() for seen in one_by_one]
+    # two cameras at one place have noise of their own
+    assert together[1].tobytes() != together[2].tobytes()
+    alone = wrapped(kind())
+    alone.reset(seed=4) if kind is Ball else alone.reset()
+    assert run(alone, 4).tobytes() == together[0].tobytes()
+
+
+def test_several_cameras_see_a_vector() -> None:
+    nested = wrapped(wrapped(gymnasium.vector.SyncVectorEnv([Ball] * 2)))
+    listed = evs.wrap(
+        gymnasium.vector.SyncVectorEnv([Ball] * 2), ["eye", "eye"], sensor=SENSOR, threads=1
+    )
+    for vector in (nested, listed):
+        vector.reset(seed=3)
+        vector.step(np.zeros((2, 1)))
+    for seen, other in ((nested.env, "eye"), (nested, "eye_2")):
+        assert len(seen.events[1])
+        assert seen.events.events.tobytes() == listed.events[other].events.tobytes()
+    assert [list(cameras) for cameras in listed.event_cameras] == [["eye", "eye_2"]] * 2
+
+
+@pytest.fixture
+def quiet() -> Iterator[None]:
+    """MuJoCo prints no warning, and leaves no log file."""
+    old = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _text: None)
+    yield
+    mujoco.set_mju_user_warning(old)
+
+
+@pytest.mark.parametrize("before", [0, 2])
+@pytest.mark.parametrize("every", ["substep", "step"])
+@pytest.mark.parametrize("kind", [Ball, Suite, Suites])
+def test_an_explosion_is_reported(kind: Any, every: str, before: int, quiet: None) -> None:
+    """With no step before, time does not go back over a step: only MuJoCo's count tells."""
+    env = wrapped(kind(), every=every)
+    env.reset()
+    run(env, before)
+    _, data = find_physics(env)
+    for count in (1, 2):
+        data.qfrc_applied[2] = np.nan
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            env.step(None)
+        assert env.instabilities == count
+        assert len(env.events) == 0
+        assert [one.category for one in caught] == [UnstableWarning] * (count == 1)
+        for one in caught:
+            text = str(one.message)
+            t_s = 0.002 * before * FRAME_SKIP
+            assert text.startswith(f"unstable after t = {t_s:.6f} s: bad ")
+            assert " at joint '0' of body '1'; MuJoCo has reset the data by itself" in text
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env.step(None)
+        env.reset()
+        env.step(None)
+    assert len(env.events)
+    assert env.instabilities == 2
+
+
+@pytest.mark.parametrize("before", [0, 2])
+def test_an_explosion_in_a_loop_of_ones_own_is_reported(before: int, quiet: None) -> None:
+    model = ball()
+    data = mujoco.MjData(model)
+    camera = evs.EventCamera(model, "eye", sensor=SENSOR, threads=1)
+    camera.observe(data)
+    for _ in range(before):
+        mujoco.mj_step(model, data, 5)
+        camera.observe(data)
+    data.qvel[2] = np.inf
+    mujoco.mj_step(model, data, 5)
+    where = f"unstable after t = {before * 0.01:.6f} s: bad velocity .*joint"
+    # time has gone back, or MuJoCo's count alone tells
+    ends = pytest.raises(UnstableError, match=where + r".*call reset\(\)")
+    with pytest.warns(UnstableWarning, match=where), ends if before else nullcontext():
+        camera.observe(data)
+    assert camera.instabilities == 1
+    mujoco.mj_step(model, data)
+    mujoco.mj_resetData(model, data)
+    camera.reset()
+    camera.observe(data)
+    mujoco.mj_step(model, data)
+    camera.observe(data)
+    assert camera.instabilities == 1
+
+
 def test_everything_else_is_the_environments() -> None:
     inner = Suite()
     env = wrapped(inner)
@@ -270,6 +381,8 @@ def test_what_cannot_be_is_said() -> None:
         wrapped(Ball(), every="frame")
     with refused(r"SimpleNamespace has no mujoco.MjModel and MjData .*use evs.EventCamera"):
         wrapped(SimpleNamespace(model=1, data=2))
+    with refused("camera is an empty list"):
+        evs.wrap(Ball(), [])
     with refused("camera"):
         evs.wrap(Ball(), "nowhere")
 
