@@ -44,6 +44,10 @@ class ReadOptions(TypedDict, total=False):
     """what the columns hold, as in "t,x,y,p" or "t=time,x=col,y=row,p=sign"; others are ignored"""
     unit: str
     """of its times: s, ms, us or ns"""
+    stream: str | int
+    """key or name of the event stream that is read, where a recording holds several"""
+    chip: str
+    """name of the camera's chip, which decides the layout of AEDAT2's addresses"""
     single: bool
     """read only this file of a recording in several"""
 
@@ -110,7 +114,11 @@ class Format:
             EvsError: The file is missing or not of this format, it states itself what an option
                 would, or the format's extra is not installed.
         """
-        given = {name: value for name, value in options.items() if value and name != "single"}
+        given = {
+            name: value
+            for name, value in options.items()
+            if value not in ("", None) and name != "single"
+        }
         for name in given:
             if name not in self.read_options:
                 raise EvsError(

@@ -8,7 +8,7 @@ their headers that they are that part of the same stream, and begin no earlier t
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol, Unpack, runtime_checkable
@@ -151,6 +151,16 @@ class MultiFileRecording:
     def stream(self) -> StreamInfo:
         """The stream, which is the same in all files."""
         return self.files[0].stream
+
+    @property
+    def streams(self) -> Mapping[str, str]:
+        """The event streams of the first file."""
+        return self.files[0].streams
+
+    @property
+    def read_as(self) -> str:
+        """What was decided on the first file."""
+        return getattr(self.files[0], "read_as", "")
 
     @property
     def compression(self) -> str:

@@ -15,7 +15,7 @@ from evs.drivers.files.formats import AnyPath, ReadOptions, to_read, to_write
 from evs.drivers.files.integrity import Repair
 from evs.drivers.files.multi_file import MultiFileRecording, open_recording
 from evs.drivers.files.paths import target_error
-from evs.drivers.files.recording_file import RecordingFile
+from evs.drivers.files.recording_file import OF_STREAM, RecordingFile
 from evs.drivers.sink import Sink
 from evs.msgs import (
     EVENT_DTYPE,
@@ -173,7 +173,7 @@ def as_packet(seq: int, events: Events, stream: StreamInfo) -> EventPacket:
 
 
 class LeftOutWarning(UserWarning):
-    """A recording holds valid data that evs does not read, such as frames in colour."""
+    """A recording holds valid data that is not read, as frames in colour or another camera's."""
 
 
 def read(path: AnyPath, **options: Unpack[ReadOptions]) -> Recording:
@@ -184,7 +184,8 @@ def read(path: AnyPath, **options: Unpack[ReadOptions]) -> Recording:
     Args:
         path: The recording, or the first file of one in several files (multi_file.py).
         **options: What the file does not state: `columns` of a table ("t,x,y,p"), `unit` of its
-            times ("s", "ms", "us", "ns"). `single=True` reads only this file of several.
+            times ("s", "ms", "us", "ns"), the `chip` of AEDAT2. `stream` selects one of several
+            event streams; `single=True` reads only this file of several.
 
     Returns:
         (n,) EVENT_DTYPE, with the rest of the recording in `.stream`, `.frames`, `.imu` and
@@ -196,7 +197,7 @@ def read(path: AnyPath, **options: Unpack[ReadOptions]) -> Recording:
     """
     file = opened(path, **options)
     events = _joined(file.events())
-    file.integrity.warn(file.path)
+    _finish(file, bool(len(events)), OF_STREAM)
     return Recording.of(
         events, file.stream, AuxiliaryData(lambda: _auxiliary(path, options), file.labels)
     )
@@ -236,9 +237,10 @@ def packets(path: AnyPath, **options: Unpack[ReadOptions]) -> Iterator[EventPack
         EvsError: As for `read`.
     """
     file = opened(path, **options)
+    seq = -1
     for seq, events in enumerate(file.events()):
         yield as_packet(seq, events, file.stream)
-    file.integrity.warn(file.path)
+    _finish(file, seq >= 0, OF_STREAM)
 
 
 def messages(
@@ -264,7 +266,9 @@ def messages(
 def messages_of(file: RecordingFile) -> Iterator[EventPacket | Frame | ImuPacket | TriggerPacket]:
     """As `messages`, of an opened recording."""
     events = imu = triggers = 0
+    anything = False
     for message in file.messages():
+        anything = True
         if isinstance(message, Frame):
             yield message
         elif message.dtype == IMU_DTYPE:
@@ -276,7 +280,7 @@ def messages_of(file: RecordingFile) -> Iterator[EventPacket | Frame | ImuPacket
         else:
             yield as_packet(events, message, file.stream)
             events += 1
-    _warn(file)
+    _finish(file, anything)
 
 
 def _auxiliary(path: AnyPath, options: ReadOptions) -> Iterator[Frame | ImuSamples | Triggers]:
@@ -287,13 +291,35 @@ def _auxiliary(path: AnyPath, options: ReadOptions) -> Iterator[Frame | ImuSampl
         _warn_left_out(file)
 
 
-def _warn(file: RecordingFile) -> None:
+def check_readable(file: RecordingFile, anything: bool) -> None:
+    """Check that a pass over a damaged recording found something.
+
+    Args:
+        file: The recording, after the pass.
+        anything: Whether the pass gave out any message.
+
+    Raises:
+        EvsError: There are damaged parts and nothing else.
+    """
+    report = file.integrity
+    if report.packets and not anything:
+        raise EvsError(
+            f"{file.path} is damaged: none of its {report.packets} {report.noun} can be read, the "
+            f"first {report.first}"
+        )
+
+
+def _finish(file: RecordingFile, anything: bool, left_out: str = "") -> None:
+    """Warn after a pass, and of what was left out with this in its name. EvsError: all damaged."""
+    check_readable(file, anything)
     file.integrity.warn(file.path)
-    _warn_left_out(file)
+    _warn_left_out(file, left_out)
 
 
-def _warn_left_out(file: RecordingFile) -> None:
+def _warn_left_out(file: RecordingFile, part: str = "") -> None:
     for what, count in file.left_out.items():
+        if part not in what:
+            continue
         text = f"{file.path}: {count} {what} were left out"
         warnings.warn(text, LeftOutWarning, stacklevel=3)
 

@@ -14,6 +14,7 @@ from evs.drivers.files.integrity import IntegrityReport
 from evs.msgs import (
     EVENT_DTYPE,
     Events,
+    EvsError,
     Frame,
     ImuSamples,
     Labels,
@@ -62,6 +63,10 @@ class RecordingFile(Protocol):
         """Valid data that the last complete pass did not read: what it is -> how many."""
 
     @property
+    def streams(self) -> Mapping[str, str]:
+        """The event streams of the file: key that `stream` takes -> name, the one read first."""
+
+    @property
     def table_packets(self) -> int | None:
         """Packets in an AEDAT4 file's data table; None: it has no whole one."""
 
@@ -89,6 +94,7 @@ class EventOnlyFile(ABC):
     compression: str = "none"
     integrity: IntegrityReport = field(default_factory=IntegrityReport)
     left_out: dict[str, int] = field(default_factory=dict)
+    streams: dict[str, str] = field(default_factory=dict)
     position: int = 0
     labels: Labels | None = None
     table_packets: int | None = None
@@ -138,6 +144,48 @@ class MultiStreamFile(EventOnlyFile):
         for message in self._iterate(events=False, auxiliary=True):
             assert isinstance(message, Frame) or message.dtype != EVENT_DTYPE
             yield message
+
+
+def choose_stream(
+    path: Path, streams: Mapping[str, str], wanted: str | int | None
+) -> dict[str, str]:
+    """Choose the event stream of a recording that is read.
+
+    Args:
+        path: The recording.
+        streams: Key -> name of its event streams, the usual one first.
+        wanted: Key or name, in any case; None: the usual one.
+
+    Returns:
+        The streams, the chosen one first.
+
+    Raises:
+        EvsError: There is no such stream, or several have this name.
+    """
+    if wanted is None:
+        return dict(streams)
+    text = str(wanted)
+    named = [key for key, name in streams.items() if name.lower() == text.lower()]
+    chosen = [text] if text in streams else named
+    if len(chosen) != 1:
+        has = "several event streams" if named else "no event stream"
+        listed = ", ".join(stream_title(key, name) for key, name in streams.items())
+        raise EvsError(f"{path} has {has} '{text}'; choose one of: {listed or 'none'}")
+    return {chosen[0]: streams[chosen[0]], **streams}
+
+
+OF_STREAM = " of stream "
+"""in the names of what is left out because it belongs to another stream"""
+
+
+def of_stream(what: str, key: str, name: str) -> str:
+    """What is left out because it belongs to a stream that was not chosen."""
+    return f"{what}{OF_STREAM}{stream_title(key, name)}"
+
+
+def stream_title(key: str, name: str) -> str:
+    """A stream in messages."""
+    return f"{key} ({name})" if name and name != key else key
 
 
 def by_tick(events: Events, stream: StreamInfo) -> Iterator[Events]:

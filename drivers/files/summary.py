@@ -9,6 +9,7 @@ import numpy as np
 
 from evs.drivers.files.formats import AnyPath, ReadOptions, to_read
 from evs.drivers.files.multi_file import MultiFileRecording, open_recording
+from evs.drivers.files.reading import check_readable
 from evs.msgs import IMU_DTYPE, TRIGGER_DTYPE, Frame, StreamInfo
 
 
@@ -44,7 +45,9 @@ class Summary:
     backwards: str
     """one line on time stamps that run backwards; empty if none do"""
     left_out: dict[str, int]
-    """valid data that evs does not read: what it is -> how many"""
+    """valid data that was not read: what it is -> how many"""
+    streams: dict[str, str]
+    """key -> name of its event streams, the one that is read first; empty: there is one"""
     frames: int
     """intensity frames"""
     frame_rate_hz: float | None
@@ -102,6 +105,7 @@ def summary(path: AnyPath, **options: Unpack[ReadOptions]) -> Summary:
         on += int(np.count_nonzero(message["p"]))
         count += len(message)
         packets_seen += 1
+    check_readable(file, bool(count or frame_stamps or imu_stamps or triggers))
     return Summary(
         path=str(file.path),
         format=getattr(file, "format_name", kind.name),
@@ -122,6 +126,7 @@ def summary(path: AnyPath, **options: Unpack[ReadOptions]) -> Summary:
         damaged_what=file.integrity.noun,
         backwards=file.integrity.backwards_text(),
         left_out=dict(file.left_out),
+        streams=dict(file.streams),
         frames=len(frame_stamps),
         frame_rate_hz=_rate_hz(frame_stamps),
         imu_samples=len(imu_stamps),

@@ -64,6 +64,8 @@ _RECORDINGS_ONLY = {
     "events_only": "--events-only",
     "single": "--single",
     "columns": "--columns",
+    "stream": "--stream",
+    "chip": "--chip",
     "start": "--start",
 }
 

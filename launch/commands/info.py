@@ -63,6 +63,7 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
     """(name, value) of each line."""
     from evs.drivers.files.formats import by_name
     from evs.drivers.files.multi_file import later_parts
+    from evs.drivers.files.recording_file import stream_title
 
     stream = found.stream
     rate = "" if found.rate_hz is None else f", {found.rate_hz:,.0f} per second"
@@ -89,6 +90,11 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
     if later:
         more = f" and {len(later) - 1} more" if len(later) > 1 else ""
         lines.append(("goes on in", f"{later[0]}{more}"))
+    if len(found.streams) > 1:
+        first, *others = (stream_title(key, name) for key, name in found.streams.items())
+        keys = list(found.streams)[1:]
+        lines.append(("streams", f"{first} is read"))
+        lines += [("", f"{one}: --stream {key}") for one, key in zip(others, keys, strict=True)]
     if found.left_out:
         text = ", ".join(f"{count:,} {what}" for what, count in found.left_out.items())
         lines.append(("left out", text))

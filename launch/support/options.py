@@ -120,6 +120,16 @@ def add_reading_options(
             metavar="UNIT",
             help="of the times of a table: s, ms, us or ns (default: found from names and values)",
         )
+    parser.add_argument(
+        "--stream",
+        metavar="NAME",
+        help="the event stream to read, where a recording holds several (evs info lists them)",
+    )
+    parser.add_argument(
+        "--chip",
+        metavar="NAME",
+        help="chip of an AEDAT2 file that does not state it: davis346, dvs128, dvs640, ...",
+    )
     if single:
         parser.add_argument(
             "--single",
@@ -135,6 +145,10 @@ def reading_options(args: argparse.Namespace) -> ReadOptions:
         given["columns"] = args.columns
     if args.unit:
         given["unit"] = args.unit
+    if args.stream:
+        given["stream"] = args.stream
+    if args.chip:
+        given["chip"] = args.chip
     if getattr(args, "single", False):
         given["single"] = True
     return given

@@ -56,7 +56,7 @@ class Aedat4File:
     path: Path
     stream: StreamInfo
     compression: str
-    streams: dict[int, description.Declared]
+    declared: dict[int, description.Declared]
     header: layout.IOHeader
     event_id: int
     packets_at: int
@@ -74,6 +74,7 @@ class Aedat4File:
     """packets of any stream that the last complete walk found whole"""
     left_out: dict[str, int] = field(default_factory=dict)
     """frames that the last walk left out, since they are not grey"""
+    streams: dict[str, str] = field(default_factory=dict)
     position: int = 0
     """how far the present walk is, bytes"""
     _unsorted: int = 0
@@ -117,7 +118,7 @@ class Aedat4File:
     @property
     def part(self) -> int | None:
         """Number of this file in a recording of several, from 0; None: not stated."""
-        info = self.streams[self.event_id].info if self.event_id in self.streams else {}
+        info = self.declared[self.event_id].info if self.event_id in self.declared else {}
         text = info.get("part", "")
         return int(text) if text.isascii() and text.isdigit() and len(text) < 10 else None
 
@@ -159,7 +160,7 @@ class Aedat4File:
             path=path,
             stream=StreamInfo(0, 0),
             compression=compression,
-            streams=streams,
+            declared=streams,
             header=header,
             event_id=ids[0] if ids else -1,
             packets_at=packets_at,
@@ -175,8 +176,8 @@ class Aedat4File:
         """Find the stream in the description, or else in the packets."""
         frames, imu, triggers = (self._first_stream(one) for one in ("FRME", "IMUS", "TRIG"))
         others = [one for one in (frames, imu, triggers) if one is not None]
-        facts = self.event_id if self.event_id in self.streams or not others else others[0]
-        info = self.streams[facts].info if facts in self.streams else {}
+        facts = self.event_id if self.event_id in self.declared or not others else others[0]
+        info = self.declared[facts].info if facts in self.declared else {}
         self.stream = description.stream_info(info)
         if self.event_id < 0 and others and not self.stream.width:
             self.stream = description.stream_info(info, 1, 1)
@@ -208,7 +209,7 @@ class Aedat4File:
 
     def _first_stream(self, kind: str) -> int | None:
         """The id of the first stream of a kind that the file declares."""
-        ids = [number for number, info in self.streams.items() if info.identifier == kind]
+        ids = [number for number, info in self.declared.items() if info.identifier == kind]
         return min(ids, default=None)
 
     def _parsers(self) -> dict[int, _Parser]:
@@ -296,7 +297,7 @@ class Aedat4File:
         """
         if number not in parsers:
             return None
-        if number == self.event_id or number not in self.streams:
+        if number == self.event_id or number not in self.declared:
             return parsers[number](body)
         self._kind(number, body)
         try:
@@ -336,11 +337,11 @@ class Aedat4File:
     def _kind(self, number: int, body: bytes) -> bytes:
         """The identifier of a packet of another stream, which must be the one it declares."""
         kind = compressions.identifier(body, self.compression)
-        declared = self.streams.get(number)
+        declared = self.declared.get(number)
         if declared is not None and declared.identifier:
             if declared.identifier.encode() != kind:
                 raise CorruptDataError(f"stream {number} holds {declared.identifier}, not {kind!r}")
-        elif self.streams or not (kind.isalnum() and kind.isupper()):
+        elif self.declared or not (kind.isalnum() and kind.isupper()):
             raise CorruptDataError(f"stream {number} is not declared")
         return kind
 

@@ -59,6 +59,8 @@ class NpzFile:
     """(n,) as the events; None: it has none"""
     left_out: dict[str, int] = field(default_factory=dict)
     """always empty"""
+    streams: dict[str, str] = field(default_factory=dict)
+    """always empty"""
     position: int = 0
     """how far the current pass has come, bytes, in proportion to the events"""
     table_packets: int | None = None

@@ -139,7 +139,7 @@ def test_we_read_files_of_dv_processing_past_frames_imu_and_triggers(tmp_path: P
     for facts in written:
         file = Aedat4File.at(facts["path"])
         assert file.compression == Path(facts["path"]).stem
-        assert len(file.streams) == 4
+        assert len(file.declared) == 4
         recording = read(facts["path"])
         assert len(recording) == facts["events"] == 25_000
         assert oracle.digest(recording) == facts["digest"]

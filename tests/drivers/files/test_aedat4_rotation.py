@@ -65,7 +65,7 @@ def test_no_file_grows_over_its_size_and_nothing_is_lost(
         # and each is whole in itself
         assert file.stream == STREAM
         assert (file.table_packets is not None) == (compression != "none")
-        assert json.loads(file.streams[0].info["part"]) == number
+        assert json.loads(file.declared[0].info["part"]) == number
 
 
 def test_a_single_packet_over_the_size_has_a_file_of_its_own(tmp_path: Path) -> None:

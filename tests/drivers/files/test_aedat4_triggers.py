@@ -134,7 +134,7 @@ def test_a_recorder_takes_only_what_was_declared(tmp_path: Path) -> None:
     with pytest.raises(EvsError, match="for a camera without triggers: set triggers"):
         sink.write_triggers(TriggerPacket(0, make_triggers([(1, 1)])))
     sink.close()
-    assert list(Aedat4File.at(tmp_path / "a.aedat4").streams) == [0]
+    assert list(Aedat4File.at(tmp_path / "a.aedat4").declared) == [0]
 
 
 def test_bytes_that_are_no_triggers_are_refused() -> None:

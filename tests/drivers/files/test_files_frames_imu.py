@@ -287,7 +287,7 @@ def test_files_without_them_are_as_they_were(tmp_path: Path) -> None:
         assert recording.frames == ()
         assert recording.imu.tobytes() == b""
         if form.endswith(".aedat4"):
-            assert list(Aedat4File.at(path).streams) == [0]
+            assert list(Aedat4File.at(path).declared) == [0]
     with np.load(tmp_path / "a.npz") as arrays:
         assert set(arrays) == {"t", "x", "y", "p", "stream"}
 
