@@ -23,7 +23,7 @@ from evs.emulator.config.schema import DelayConfig
 from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
 from evs.emulator.simulation.initial_states import Start, begin
 from evs.emulator.simulation.scene_ranges import DrawnScene, SceneRanges
-from evs.emulator.world import NamedSensors, Scene
+from evs.emulator.world import NamedSensors, Scene, Visual
 from evs.msgs import Events, EvsError, empty_events, join_events
 from evs.msgs.pictures import U8, event_frame, exposure_for, to_srgb8
 
@@ -74,6 +74,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         render_mode: str | None = None,
         render_camera: str | CameraConfig = "",
         randomise: Mapping[str, Any] | str | Path | None = None,
+        visual: Visual | None = None,
     ) -> None:
         """Load the scene and set up its cameras.
 
@@ -107,6 +108,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
                 of the scene, as of evs.SceneRanges; or a TOML file with a table [randomise]:
                 another sensor in every episode, the same for all cameras, and another scene; what
                 was drawn is info["sensor"] and info["scene"]
+            visual: groups and flags that are seen, as of evs.World
 
         Raises:
             EvsError: an argument is not possible; the message is one line
@@ -137,6 +139,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             threads=threads,
             limits=limits,
             delays=delays,
+            visual=visual,
         )
         world = self.loop.world
         self.scene_ranges = SceneRanges(scene_ranges, world.model) if scene_ranges else None

@@ -24,7 +24,7 @@ from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
 from evs.emulator.simulation.initial_states import Start, begin
 from evs.emulator.simulation.scene_ranges import DrawnScene, SceneRanges
 from evs.emulator.simulation.stacked_arrays import StackedArrays
-from evs.emulator.world import MjData, Scene, load_model
+from evs.emulator.world import MjData, Scene, Visual, load_model
 from evs.msgs import EvsError
 
 AutoresetMode, batch_space = vector.AutoresetMode, vector.utils.batch_space
@@ -71,6 +71,7 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
         randomise: Mapping[str, Any] | str | Path | None = None,
         autoreset_mode: str | vector.AutoresetMode = AutoresetMode.NEXT_STEP,
         copy: bool = True,
+        visual: Visual | None = None,
     ) -> None:
         """Load the scene once, and make so many worlds of it.
 
@@ -103,6 +104,7 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
             autoreset_mode: when an environment whose episode is over begins another: NextStep,
                 SameStep or Disabled, as of gymnasium.vector
             copy: whether observations are copies; False: the next step overwrites them
+            visual: As of LoopEnv.
 
         Raises:
             EvsError: an argument is not possible; the message is one line
@@ -127,7 +129,7 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
         self.scene_ranges = SceneRanges(scene_ranges, model_) if scene_ranges else None
         several = (cameras,) if isinstance(cameras, str | CameraConfig) else tuple(cameras)
         # the camera's names and sizes are the worlds' own; the task wants them before
-        probe = Worlds(model_, 1, tick_us=tick_us, threads=1)
+        probe = Worlds(model_, 1, tick_us=tick_us, threads=1, visual=visual)
         infos = [
             probe.add_camera(one, sensor=sensor, render=render, model=model) for one in several
         ]
@@ -156,6 +158,7 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
             threads=threads,
             limits=limits,
             sensors=task.sensors if task.measures else None,
+            visual=visual,
         )
         for one in several:
             self.worlds.add_camera(one, sensor=sensor, render=render, model=model)

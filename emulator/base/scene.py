@@ -225,6 +225,10 @@ class SceneModel:
     """geoms whose material has reflectance and whose shape does not mirror"""
     left_out: tuple[str, ...] = ()
     """one line for each thing of the model that is not shown, with the fix"""
+    seen: str = ""
+    """groups and flags that decide what is shown, in words"""
+    hidden: tuple[str, ...] = ()
+    """one line for each group with geoms that these hide"""
 
     def without_sites(self) -> SceneModel:
         """The same, with the same rows, in which no site is hit."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from evs.emulator.base.features import Switches
 from evs.emulator.base.protocols import Renderer
-from evs.emulator.base.scene import SceneModel
+from evs.emulator.base.scene import ObjectKind, SceneModel
 from evs.emulator.config import (
     CameraConfig,
     ModelConfig,
@@ -86,7 +86,8 @@ class CameraPlan:
         Raises:
             EvsError: The plan makes no sense in this world.
         """
-        bound = bind_camera(world, self.camera, width, height, self.optics)
+        shown = scene.geom_id[scene.geom_kind == ObjectKind.GEOM]
+        bound = bind_camera(world, self.camera, width, height, self.optics, shown)
         if before and scene is before.scene and bound.model == before.bound.model:
             return Viewpoint(bound, scene, before.renderer)
         settings = (self.render, self.threads, rgb, self.seed, self.switches)

@@ -188,6 +188,10 @@ class Contents:
     """tables of lights that pulse"""
     unlit: bool
     """neither a light nor a glowing surface is left"""
+    seen: str = ""
+    """groups of geoms, sites, ... that are seen, and flags that are not the usual ones"""
+    hidden_geoms: tuple[str, ...] = ()
+    """one line for each group with geoms that these hide"""
 
 
 def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
@@ -257,6 +261,8 @@ def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
         and bool(endless.any()),
         flickering=len(render.flicker),
         unlit=is_unlit(scene, render),
+        seen=scene.seen,
+        hidden_geoms=scene.hidden,
     )
 
 

@@ -11,6 +11,7 @@ from evs.emulator.config.schema import (
     RenderConfig,
     RunConfig,
     SceneConfig,
+    VisualConfig,
 )
 from evs.emulator.config.sensor import ApsConfig, BiasConfig, ImuConfig, ReadoutConfig, SensorConfig
 
@@ -30,4 +31,5 @@ __all__ = [
     "RunConfig",
     "SceneConfig",
     "SensorConfig",
+    "VisualConfig",
 ]

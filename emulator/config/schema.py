@@ -15,6 +15,38 @@ from evs.msgs import EvsError
 
 
 @dataclass(frozen=True)
+class VisualConfig:
+    """[scene.visual]: what of the model is seen, named as in MuJoCo's mjvOption."""
+
+    geomgroup: tuple[int, ...] = (0, 1, 2)
+    """groups of geoms that are seen, 0 ... 5; hidden geoms cast no shadow either"""
+    sitegroup: tuple[int, ...] = (0, 1, 2)
+    """groups of sites that are seen"""
+    tendongroup: tuple[int, ...] = (0, 1, 2)
+    """groups of tendons that are seen"""
+    skingroup: tuple[int, ...] = (0, 1, 2)
+    """groups of skins that are seen"""
+    flexgroup: tuple[int, ...] = (0, 1, 2)
+    """groups of flexes that are seen"""
+    texture: bool = True
+    """false: materials without their textures"""
+    tendon: bool = True
+    """false: no tendons"""
+    skin: bool = True
+    """false: no skins"""
+    static: bool = True
+    """false: no geoms and sites of bodies that are fixed to the world"""
+    transparent: bool = False
+    """true: what can move is transparent, by visual/map alpha"""
+    flexskin: bool = True
+    """the smooth surface of flexes"""
+    flexface: bool = False
+    """the faces of flexes, without flexskin"""
+    flexedge: bool = True
+    """the edges of flexes, of ropes and without flexskin"""
+
+
+@dataclass(frozen=True)
 class SceneConfig:
     """[scene]: the world, and the controls that move it."""
 
@@ -42,6 +74,7 @@ class SceneConfig:
     keyframe: str = ""
     """name or number of the keyframe to start from; empty: `home` if the model has it; none: the
     model's own initial state (qpos0)"""
+    visual: VisualConfig = field(default_factory=VisualConfig)
 
 
 @dataclass(frozen=True)
@@ -149,7 +182,7 @@ class RenderConfig:
     haze: bool = True
     """the model's haze below the horizon, if it has a sky and an infinite plane"""
     sites: bool = True
-    """draw sites of groups 0 to 2, as MuJoCo's viewer does; use false if they only mark sensors,
+    """draw the sites that scene.visual shows; use false if they only mark sensors,
     goals or touch zones"""
     lux_per_unit: float = 1000.0
     """illuminance that equals 1 unit of light, for lights with a physical intensity (candela,

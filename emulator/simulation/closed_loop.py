@@ -37,6 +37,7 @@ from evs.emulator.world import (
     MjData,
     Scene,
     UnstableError,
+    Visual,
     actuator_names,
     check_control,
     control_range,
@@ -71,6 +72,7 @@ class ClosedLoop:
         max_s: float | None = None,
         delays: DelayConfig | None = None,
         meter: Meter | None = None,
+        visual: Visual | None = None,
     ) -> None:
         """Make a world with these cameras, all of the same kind, and a loop around it.
 
@@ -89,11 +91,14 @@ class ClosedLoop:
             max_s: Simulated seconds after which the episode ends; None: it has no end.
             delays: Between cameras, controller and actuators; None: there are none.
             meter: Measures how long each stage takes.
+            visual: As of World.
 
         Raises:
             EvsError: An argument makes no sense; one line.
         """
-        world = World(scene, tick_us=tick_us, seed=seed, threads=threads, meter=meter)
+        world = World(
+            scene, tick_us=tick_us, seed=seed, threads=threads, meter=meter, visual=visual
+        )
         several = (cameras,) if isinstance(cameras, str | CameraConfig) else tuple(cameras)
         for camera in several:
             world.add_camera(camera, sensor=sensor, render=render, model=model)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from evs.emulator.base.scene import F32, GroundTruth
 from evs.emulator.camera.camera import Camera
 from evs.emulator.camera.camera_plan import plan_camera
-from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
+from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig, VisualConfig
 from evs.emulator.config.plain_values import plain_integer
 from evs.emulator.simulation.snapshot_history import SnapshotHistory
 from evs.emulator.state import (
@@ -31,6 +32,8 @@ from evs.emulator.world import (
     SnapshotTaker,
     StabilityWatch,
     UnstableError,
+    Visual,
+    resolve_visual,
 )
 from evs.msgs import (
     EventPacket,
@@ -80,6 +83,7 @@ class EventCamera:
         seed: int = 0,
         threads: int = 0,
         name: str | None = None,
+        visual: Visual | None = None,
     ) -> None:
         """Put a camera into a model.
 
@@ -92,6 +96,8 @@ class EventCamera:
             seed: Every random number of the sensor follows from it.
             threads: Worker threads; 0: one a core.
             name: Its name in packets; None: after the model's camera.
+            visual: Groups and flags that are seen, a mujoco.MjvOption or a VisualConfig; None: what
+                MuJoCo shows by default.
 
         Raises:
             EvsError: No MjModel, no such camera or preset, or a configuration without sense.
@@ -110,11 +116,12 @@ class EventCamera:
                 "leave it 1"
             )
         tick_us = max(1, round(model.opt.timestep * 1e6))
-        self._scene, self._digest = LiveScene(model), ModelDigest(model)
+        self._visual = resolve_visual(visual)
+        self._scene, self._digest = LiveScene(model, self._visual), ModelDigest(model)
         self._camera = Camera(model, self._scene.scene, plan, tick_us=tick_us)
         self._tick_us = tick_us
         self._t_us: int | None = None
-        self._taker = SnapshotTaker(model, [self._camera.bound])
+        self._taker = SnapshotTaker(model, [self._camera.bound], self._visual)
         self._history = SnapshotHistory(self._taker)
         self._packet: EventPacket | None = None
         self._stability = StabilityWatch()
@@ -274,6 +281,7 @@ class EventCamera:
             "versions": {key: versions()[key] for key in ("evs", "mujoco")},
             "model": self._digest(),
             "camera": {"name": self._camera.name, **self._camera.identity},
+            **({} if self._visual == VisualConfig() else {"visual": asdict(self._visual)}),
         }
 
     def refresh(self) -> None:

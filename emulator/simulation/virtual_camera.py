@@ -9,7 +9,7 @@ import numpy.typing as npt
 from evs.emulator.base.scene import F32, GroundTruth
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.simulation.world import World
-from evs.emulator.world import ControlFunction, Scene
+from evs.emulator.world import ControlFunction, Scene, Visual
 from evs.msgs import EventPacket, EvsError, Frame, ImuSamples, StreamInfo
 
 
@@ -32,6 +32,7 @@ class VirtualCamera:
         seed: int = 0,
         threads: int = 0,
         name: str | None = None,
+        visual: Visual | None = None,
     ) -> None:
         """Make a world with one camera.
 
@@ -46,11 +47,14 @@ class VirtualCamera:
             seed: As of World.
             threads: As of World.
             name: As of World.add_camera.
+            visual: As of World.
 
         Raises:
             EvsError: As of World and World.add_camera.
         """
-        self.world = World(scene, tick_us=tick_us, control=control, seed=seed, threads=threads)
+        self.world = World(
+            scene, tick_us=tick_us, control=control, seed=seed, threads=threads, visual=visual
+        )
         if isinstance(scene, SceneConfig) and camera == "":
             camera = scene.camera
         self.camera = self.world.add_camera(

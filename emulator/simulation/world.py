@@ -27,6 +27,7 @@ from evs.emulator.config import (
     RunConfig,
     SceneConfig,
     SensorConfig,
+    VisualConfig,
 )
 from evs.emulator.config.plain_values import plain_config, plain_integer
 from evs.emulator.simulation.resets import CheckedReset, reset_worlds, restore_worlds
@@ -53,9 +54,11 @@ from evs.emulator.world import (
     SceneValues,
     SnapshotTaker,
     Substeps,
+    Visual,
     check_control,
     load_model,
     name_of_keyframe,
+    resolve_visual,
     starting_keyframe,
 )
 from evs.emulator.world.controls import ControlSource
@@ -83,6 +86,7 @@ class World:
         seed: int = 0,
         threads: int = 0,
         meter: Meter | None = None,
+        visual: Visual | None = None,
     ) -> None:
         """Load the scene.
 
@@ -95,6 +99,8 @@ class World:
             seed: Every random number of controls and sensors follows from it.
             threads: Worker threads of renderers and pixels; 0: one a core.
             meter: Measures how long each stage takes.
+            visual: Groups and flags that are seen, a mujoco.MjvOption or a VisualConfig; None:
+                those of the SceneConfig, else what MuJoCo shows by default.
 
         Raises:
             EvsError: The scene does not load, or an argument makes no sense; one line.
@@ -113,15 +119,16 @@ class World:
                 control_seed=plain_integer(seed, "seed"),
             )
             model, source = load_model(scene), control
-        self._scene_config = settings
+        shown = resolve_visual(settings.visual if visual is None else visual)
+        self._scene_config = settings = replace(settings, visual=shown)
         self._start_us = check_start(settings.start_us)
         self._seed = plain_integer(seed, "seed")
         self._threads, self._meter = threads, meter or NoMeter()
         self._control = ControlSource(model, settings, source)
         self._given: F64 | None = None
         self._physics = Physics(model, settings.tick_us, self._control.keyframe)
-        self._scene = LiveScene(model)
-        self._taker = SnapshotTaker(model)
+        self._scene = LiveScene(model, shown)
+        self._taker = SnapshotTaker(model, visual=shown)
         self._history = SnapshotHistory(self._taker)
         self._cameras: list[Camera] = []
         # they hold the world, which would otherwise never be dropped with them
@@ -162,7 +169,7 @@ class World:
         other._scene, other._digest = self._scene, self._digest
         other._values = self._values
         other.start_physics(self._control.keyframe)
-        other._taker = SnapshotTaker(self.model)
+        other._taker = SnapshotTaker(self.model, visual=self.visual)
         other._history = SnapshotHistory(other._taker)
         other._cameras, other._view_refs, other._bounds = [], [], []
         other._twins = self._twins
@@ -178,7 +185,10 @@ class World:
         self._twins = [ref(self)]
         model = self._physics.part()
         self._scene, self._values = self._scene.copy_for(model), self._values.copy_for(model)
-        self._digest, self._taker = ModelDigest(model), SnapshotTaker(model, self._bounds)
+        self._digest, self._taker = (
+            ModelDigest(model),
+            SnapshotTaker(model, self._bounds, self.visual),
+        )
         self._history.part(self._taker)
         seers: list[Camera | View] = [*self._cameras, *self._views]
         for one in seers:
@@ -467,6 +477,7 @@ class World:
             "camera": {camera.name: camera.identity for camera in self._cameras},
             # a state of before there were any has none
             **({"scene_values": dict(values)} if (values := self._values.values) else {}),
+            **({} if self.visual == VisualConfig() else {"visual": settings["visual"]}),
         }
 
     def give(self, ctrl: F64) -> None:
@@ -641,6 +652,11 @@ class World:
                 camera.start(snapshot)
         for view in self._views:
             view.start()
+
+    @property
+    def visual(self) -> VisualConfig:
+        """Groups and flags that its cameras see."""
+        return self._scene_config.visual
 
     @property
     def scene_values(self) -> dict[str, float]:

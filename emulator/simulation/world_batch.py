@@ -25,7 +25,7 @@ I64 = npt.NDArray[np.int64]
 
 def why_one_by_one(world: World) -> str:
     """Why twins of this world cannot be stepped as a batch, as a reason; "": they can."""
-    if reason := why_not_batched(world.model):
+    if reason := why_not_batched(world.model, world.visual):
         return reason
     if world.control.needs_data:
         return "the control is a function of the data"
@@ -62,7 +62,7 @@ class WorldBatch:
         stage = measured.stage if measured else 0
         self._physics = PhysicsBatch([world.physics for world in worlds], threads, stage)
         bounds = [[camera.bound for camera in world.cameras] for world in worlds]
-        self._poses = PoseBatch(self._physics, first.model, bounds)
+        self._poses = PoseBatch(self._physics, first.model, bounds, first.visual)
         self._native = _core.CameraBatch(threads=threads, start_us=first.start_us)
         self._lights: npt.NDArray[np.intp] | None = None
         for place, world in enumerate(worlds):

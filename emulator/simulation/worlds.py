@@ -29,6 +29,7 @@ from evs.emulator.world import (
     MjModel,
     Scene,
     UnstableError,
+    Visual,
     has_callbacks,
 )
 from evs.msgs import Events, EvsError, StreamInfo
@@ -102,6 +103,7 @@ class Worlds:
         threads: int = 0,
         limits: Mapping[str, tuple[float, float]] | None = None,
         sensors: Iterable[str] | None = None,
+        visual: Visual | None = None,
     ) -> None:
         """Load the scene once, and make so many worlds of it.
 
@@ -116,6 +118,7 @@ class Worlds:
                 ends.
             sensors: Names of sensors that `readings` has; None: nothing is measured, but for
                 limits.
+            visual: As of World.
 
         Raises:
             EvsError: As of World, there is no world, or no such sensor.
@@ -130,7 +133,9 @@ class Worlds:
         # many worlds share the cores between them; few give all of them to each in turn
         self._side_by_side = count >= self._threads
         own = 1 if self._side_by_side else self._threads
-        first = World(scene, tick_us=tick_us, control=control, seed=seed, threads=own)
+        first = World(
+            scene, tick_us=tick_us, control=control, seed=seed, threads=own, visual=visual
+        )
         self._worlds = [first, *(first.twin() for _ in range(count - 1))]
         for number, world in enumerate(self._worlds):
             world.reset(first.seed + SEED_STEP * number)

@@ -28,12 +28,8 @@ from evs.emulator.world.encoders import (
     NamedSensors,
     add_joint_sensors,
 )
-from evs.emulator.world.extraction import (
-    LeftOutWarning,
-    extract_scene,
-    visible_geoms,
-    warn_left_out,
-)
+from evs.emulator.world.extraction import extract_scene
+from evs.emulator.world.left_out import LeftOutWarning, warn_left_out
 from evs.emulator.world.live_scene import LiveScene
 from evs.emulator.world.mobility import Mobility, mobility_of
 from evs.emulator.world.model import (
@@ -66,6 +62,7 @@ from evs.emulator.world.physics_batch import (
 from evs.emulator.world.scene_keys import SceneKey, every_key, find_keys
 from evs.emulator.world.scene_values import SceneValues
 from evs.emulator.world.snapshots import SnapshotTaker
+from evs.emulator.world.visual import Visual, new_option, resolve_visual, visible_geoms
 
 __all__ = [
     "MUJOCO_VERSION",
@@ -95,6 +92,7 @@ __all__ = [
     "Substeps",
     "UnstableError",
     "UnstableWarning",
+    "Visual",
     "actuator_names",
     "add_joint_sensors",
     "bind_camera",
@@ -117,7 +115,9 @@ __all__ = [
     "mobility_of",
     "moving_bodies",
     "name_of_keyframe",
+    "new_option",
     "object_classes",
+    "resolve_visual",
     "starting_keyframe",
     "visible_geoms",
     "warn_left_out",

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Container
 from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.base.scene import F64, MAX_PIXELS, CameraModel, CameraPose
+from evs.emulator.base.scene import F64, I32, MAX_PIXELS, CameraModel, CameraPose
 from evs.emulator.config import CameraConfig
 from evs.emulator.optics import check_distortion, check_vignetting
 from evs.emulator.world.compat import is_orthographic
 from evs.emulator.world.controls import home_keyframe
-from evs.emulator.world.materials import geom_rgba, is_shown
 from evs.emulator.world.model import find, name_of, new_data
 from evs.emulator.world.physics import moving_bodies, update_poses
 from evs.emulator.world.trajectories import Shaking, Trajectory, read_trajectory
+from evs.emulator.world.visual import visible_geoms
 from evs.msgs import EvsError
 
 FREE_KEYS = ("lookat", "distance", "azimuth", "elevation")
@@ -116,7 +117,12 @@ class BoundCamera:
 
 
 def bind_camera(
-    model: mujoco.MjModel, name: str, width: int, height: int, config: CameraConfig | None = None
+    model: mujoco.MjModel,
+    name: str,
+    width: int,
+    height: int,
+    config: CameraConfig | None = None,
+    shown: I32 | None = None,
 ) -> BoundCamera:
     """Bind a camera of the model, or one that the configuration describes.
 
@@ -127,13 +133,14 @@ def bind_camera(
         width: Of the sensor, px.
         height: Of the sensor, px.
         config: A description, or other optics for a camera of the model.
+        shown: As of robot_box.
 
     Raises:
         EvsError: An unknown name, a resolution or angle that makes no picture, or a description
             that contradicts itself.
     """
     config = config or CameraConfig()
-    bound = _bind_still(model, name, width, height, config)
+    bound = _bind_still(model, name, width, height, config, shown)
     if config.shake_m == config.shake_deg == 0.0:
         return bound
     for key in ("shake_m", "shake_deg", "shake_hz"):
@@ -148,7 +155,12 @@ def bind_camera(
 
 
 def _bind_still(
-    model: mujoco.MjModel, name: str, width: int, height: int, config: CameraConfig
+    model: mujoco.MjModel,
+    name: str,
+    width: int,
+    height: int,
+    config: CameraConfig,
+    shown: I32 | None,
 ) -> BoundCamera:
     """The same without shaking."""
     if width < 1 or height < 1 or width * height > MAX_PIXELS:
@@ -178,7 +190,7 @@ def _bind_still(
         )
     if free or (not name and not model.ncam):
         optics = _free_optics(model, width, height, config)
-        return BoundCamera("free", optics, FreeCamera(free_pose(model, config, optics)))
+        return BoundCamera("free", optics, FreeCamera(free_pose(model, config, optics, shown)))
     camera = find(model, mujoco.mjtObj.mjOBJ_CAMERA, "camera", name) if name else 0
     label = name_of(model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
     return BoundCamera(
@@ -210,7 +222,9 @@ def _travelling(
     return BoundCamera(label, _model_optics(model, camera, width, height, config), mount)
 
 
-def free_pose(model: mujoco.MjModel, config: CameraConfig, optics: CameraModel) -> CameraPose:
+def free_pose(
+    model: mujoco.MjModel, config: CameraConfig, optics: CameraModel, shown: I32 | None = None
+) -> CameraPose:
     """A free camera's pose, as mjv_cameraFrame computes it.
 
     Angles that are None are the model's default; lookat and distance show what moves, whole, or are
@@ -219,7 +233,7 @@ def free_pose(model: mujoco.MjModel, config: CameraConfig, optics: CameraModel) 
     lookat = np.array(model.stat.center if config.lookat is None else config.lookat, np.float64)
     distance = 1.5 * model.stat.extent if config.distance is None else config.distance
     if config.lookat is None or config.distance is None:
-        box = robot_box(model)
+        box = robot_box(model, shown)
         if box is not None and config.lookat is None:
             lookat = (box[0] + box[1]) / 2
         if box is not None and config.distance is None:
@@ -338,28 +352,35 @@ def _optics(
     return CameraModel(width, height, focal, focal, cx, cy, orthographic)
 
 
-def robot_box(model: mujoco.MjModel) -> tuple[F64, F64] | None:
+def robot_box(model: mujoco.MjModel, shown: I32 | None = None) -> tuple[F64, F64] | None:
     """(3,), (3,) lowest and highest corner, m, of what moves; None: the world's body has it all.
 
     A free camera shows what moves, not the floor that it stands on.
     Of whole trees of bodies that have a joint or are mocap, an arm's fixed base too, else of all
     bodies but the world; where they are at the keyframe `home`, else at qpos0. What is not shown
     does not count, nor does a plane.
+
+    Args:
+        model: The model.
+        shown: (n,) ids of the geoms that are seen; None: those that MuJoCo shows by default.
     """
+    ids = set((visible_geoms(model) if shown is None else shown).tolist())
     roots = np.unique(model.body_rootid[moving_bodies(model)])
     robots = np.isin(model.body_rootid, roots)
     others = np.arange(model.nbody) > 0
-    return next((box for bodies in (robots, others) if (box := _box(model, bodies))), None)
+    return next((box for bodies in (robots, others) if (box := _box(model, bodies, ids))), None)
 
 
-def _box(model: mujoco.MjModel, bodies: npt.NDArray[np.bool_]) -> tuple[F64, F64] | None:
+def _box(
+    model: mujoco.MjModel, bodies: npt.NDArray[np.bool_], shown: Container[int]
+) -> tuple[F64, F64] | None:
     """Of all that these bodies, (nbody,), carry."""
     geoms = [
         geom
         for geom in range(model.ngeom)
         if bodies[model.geom_bodyid[geom]]
         and model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE
-        and is_shown(model.geom_group[geom], geom_rgba(model, geom))
+        and geom in shown
     ]
     deforms = bool(model.nskin or model.nflex)
     if not geoms and not (deforms and bodies.any()):

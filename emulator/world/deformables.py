@@ -10,30 +10,35 @@ import mujoco
 import numpy as np
 
 from evs.emulator.base.scene import F32, Deformed, Mesh
-from evs.emulator.world.materials import Rgba, is_shown, shown_rgba
+from evs.emulator.config import VisualConfig
+from evs.emulator.world.materials import Rgba, shown_rgba
 from evs.emulator.world.model import new_data
 from evs.emulator.world.physics import update_poses
+from evs.emulator.world.visual import DEFAULT, faded, is_shown, option_of
 
 
 class Deformables:
     """The visible skins and flexes with faces of one model: first the skins, then the flexes."""
 
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self._model = model
+    def __init__(self, model: mujoco.MjModel, visual: VisualConfig = DEFAULT) -> None:
+        self._model, self._visual = model, visual
         self._skins = [
             i
             for i in range(model.nskin)
-            if is_shown(model.skin_group[i], self._skin_appearance(i)[0])
+            if visual.skin
+            and is_shown(visual.skingroup, model.skin_group[i], self._skin_appearance(i)[0])
         ]
         self._flexes = [
             i
             for i in range(model.nflex)
-            if model.flex_dim[i] > 1 and is_shown(model.flex_group[i], self._flex_appearance(i)[0])
+            if model.flex_dim[i] > 1
+            and (visual.flexskin or visual.flexface)
+            and is_shown(visual.flexgroup, model.flex_group[i], self._flex_appearance(i)[0])
         ]
         if len(self):
             # the visualiser's own arrays; room for one geom that is never added
             self._scene = mujoco.MjvScene(model, 1)
-            self._option, self._view = mujoco.MjvOption(), mujoco.MjvCamera()
+            self._option, self._view = option_of(visual), mujoco.MjvCamera()
             # a view of our own, which no vertex depends on: with the model's, MuJoCo ends the
             # process where the near clip plane is under 1e-15 m
             self._view.type = mujoco.mjtCamera.mjCAMERA_USER
@@ -120,10 +125,12 @@ class Deformables:
     def _skin_appearance(self, skin: int) -> tuple[Rgba, int, bool]:
         material = int(self._model.skin_matid[skin])
         rgba, kind = self._model.skin_rgba[skin], mujoco.mjtObj.mjOBJ_SKIN
-        return shown_rgba(self._model, kind, skin, rgba, material), material, True
+        own = shown_rgba(self._model, kind, skin, rgba, material)
+        return faded(self._model, own, self._visual), material, True
 
     def _flex_appearance(self, flex: int) -> tuple[Rgba, int, bool]:
         material = int(self._model.flex_matid[flex])
         textured = bool(self._model.flex_texcoordadr[flex] >= 0)
         rgba, kind = self._model.flex_rgba[flex], mujoco.mjtObj.mjOBJ_FLEX
-        return shown_rgba(self._model, kind, flex, rgba, material), material, textured
+        own = shown_rgba(self._model, kind, flex, rgba, material)
+        return faded(self._model, own, self._visual), material, textured

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-import warnings
-from collections.abc import Sequence
+from collections.abc import Callable
 from functools import partial
 
 import mujoco
@@ -12,9 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.scene import I32, Mesh, ObjectKind, SceneModel, Shape
+from evs.emulator.config import VisualConfig
 from evs.emulator.world.deformables import Deformables
+from evs.emulator.world.left_out import warn_left_out
 from evs.emulator.world.lights import active_lights, extract_atmosphere, extract_light, unlit_images
-from evs.emulator.world.materials import Surfaces, geom_rgba, is_shown, site_rgba
+from evs.emulator.world.materials import Rgba, Surfaces, geom_rgba, site_rgba
 from evs.emulator.world.meshes import (
     extract_height_field,
     extract_mesh,
@@ -24,40 +24,23 @@ from evs.emulator.world.meshes import (
 from evs.emulator.world.model import check_indices, names_of
 from evs.emulator.world.model_edits import DEFORMING, PartCache, arrays_of
 from evs.emulator.world.tendons import Strands
+from evs.emulator.world.visual import (
+    DEFAULT,
+    FROM_MESH,
+    describe,
+    faded,
+    hidden_lines,
+    visible_geoms,
+    visible_sites,
+)
 from evs.msgs import EvsError
-
-FROM_MESH = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF)
-
-
-def visible_geoms(model: mujoco.MjModel) -> I32:
-    """(ng,) ids of the geoms that MuJoCo shows by default: groups 0 to 2, alpha above 0."""
-    shapes = {int(shape) for shape in Shape} | {int(mujoco.mjtGeom.mjGEOM_SDF)}
-    return np.array(
-        [
-            geom
-            for geom in range(model.ngeom)
-            if is_shown(model.geom_group[geom], geom_rgba(model, geom))
-            and int(model.geom_type[geom]) in shapes
-            and not (int(model.geom_type[geom]) in FROM_MESH and model.geom_dataid[geom] < 0)
-        ],
-        np.int32,
-    )
-
-
-def visible_sites(model: mujoco.MjModel) -> I32:
-    """(ns,) ids of the sites that MuJoCo shows by default: groups 0 to 2, alpha above 0."""
-    return np.array(
-        [
-            site
-            for site in range(model.nsite)
-            if is_shown(model.site_group[site], site_rgba(model, site))
-        ],
-        np.int32,
-    )
 
 
 def extract_scene(
-    model: mujoco.MjModel, parts: PartCache | None = None, before: SceneModel | None = None
+    model: mujoco.MjModel,
+    parts: PartCache | None = None,
+    before: SceneModel | None = None,
+    visual: VisualConfig = DEFAULT,
 ) -> SceneModel:
     """Extract everything of the model that a renderer needs and that never moves.
 
@@ -69,18 +52,20 @@ def extract_scene(
         model: The model.
         parts: Meshes and textures that are reused; it keeps those that are made now.
         before: The scene of the same model before it was edited, whose warnings are not repeated.
+        visual: Groups and flags that are seen.
 
     Raises:
         EvsError: Nothing is visible.
     """
     check_indices(model)
     parts = PartCache() if parts is None else parts
-    geoms = visible_geoms(model)
-    deforming, sites, strands = Deformables(model), visible_sites(model), Strands(model)
+    geoms, sites = visible_geoms(model, visual), visible_sites(model, visual)
+    deforming, strands = Deformables(model, visual), Strands(model, visual)
     if not len(geoms) + len(deforming) + len(sites) + len(strands):
         raise EvsError(
-            f"nothing to see: none of the model's {model.ngeom} geoms is in groups 0 to 2 with "
-            "alpha above 0; give the scene some geometry"
+            f"nothing to see: none of the model's {model.ngeom} geoms is in groups "
+            f"{_in_words(visual.geomgroup)} with alpha above 0; give the scene some geometry"
+            f"{_other_groups(model, visual)}"
         )
 
     # each mesh and height field once, however many geoms show it
@@ -102,8 +87,15 @@ def extract_scene(
 
     kinds = np.asarray(model.geom_type[geoms], np.int32)
     kinds = np.where(kinds == mujoco.mjtGeom.mjGEOM_SDF, Shape.MESH, kinds)
-    surfaces = Surfaces(model, parts)
-    geom_surface = [surfaces.of_geom(int(geom)) for geom in geoms]
+    surfaces = Surfaces(model, parts, textured=visual.texture)
+
+    def colour(own: Callable[[mujoco.MjModel, int], Rgba], index: int, body: int) -> Rgba:
+        return faded(model, own(model, index), visual, body)
+
+    geom_surface = [
+        surfaces.of_geom(geom, colour(geom_rgba, geom, int(model.geom_bodyid[geom])))
+        for geom in geoms.tolist()
+    ]
     skybox = surfaces.skybox()
     lights = tuple(extract_light(model, int(light), surfaces) for light in active_lights(model))
 
@@ -114,7 +106,10 @@ def extract_scene(
         shown = tuple(deforming.skins), tuple(deforming.flexes)
         meshes += parts.get("deforming", shown, sources, deforming.at_rest)
         geom_surface += [surfaces.of(*appearance) for appearance in deforming.appearances()]
-    geom_surface += [surfaces.of_site(int(site)) for site in sites]
+    geom_surface += [
+        surfaces.of_site(site, colour(site_rgba, site, int(model.site_bodyid[site])))
+        for site in sites.tolist()
+    ]
     geom_surface += [surfaces.of(*appearance) for appearance in strands.appearances]
     things = _things(model, geoms, deforming, sites, strands)
     unmeshed, many = len(sites) + len(strands), len(strands)
@@ -172,6 +167,8 @@ def extract_scene(
         extent_m=float(model.stat.extent),
         not_mirrors=surfaces.not_mirrors,
         left_out=left_out,
+        seen=describe(visual),
+        hidden=hidden_lines(model, visual),
     )
 
 
@@ -202,16 +199,13 @@ def _static(model: mujoco.MjModel, body: I32) -> npt.NDArray[np.bool_]:
     return np.asarray((model.body_weldid[body] == 0) & ~carried, np.bool_)
 
 
-class LeftOutWarning(UserWarning):
-    """The model has something that is not shown; the message has what, and the fix."""
+def _in_words(groups: tuple[int, ...]) -> str:
+    if groups == VisualConfig.geomgroup:
+        return "0 to 2"
+    return ", ".join(map(str, groups)) or "of none"
 
 
-def warn_left_out(lines: Sequence[str]) -> None:
-    """One LeftOutWarning a line, at the place outside the emulator that made the scene."""
-    if not lines:
-        return
-    level, frame = 2, sys._getframe(1)
-    while frame.f_back and str(frame.f_globals.get("__name__")).startswith("evs.emulator."):
-        level, frame = level + 1, frame.f_back
-    for line in lines:
-        warnings.warn(line, LeftOutWarning, stacklevel=level)
+def _other_groups(model: mujoco.MjModel, visual: VisualConfig) -> str:
+    """Where the geoms are that are not seen: the end of a message."""
+    hidden = hidden_lines(model, visual)
+    return f", or show those that it has: {', '.join(hidden)} (scene.visual)" if hidden else ""

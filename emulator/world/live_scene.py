@@ -10,6 +10,7 @@ import mujoco
 from evs.emulator import _core
 from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.base.scene import SceneModel
+from evs.emulator.config import VisualConfig
 from evs.emulator.world.extraction import extract_scene
 from evs.emulator.world.model_edits import (
     DEFORMING,
@@ -21,6 +22,7 @@ from evs.emulator.world.model_edits import (
     PartCache,
     arrays_of,
 )
+from evs.emulator.world.visual import DEFAULT
 from evs.msgs import EvsError
 
 
@@ -31,11 +33,13 @@ class LiveScene:
     cannot be shown raises EvsError in every comparison until it is undone.
     """
 
-    def __init__(self, model: mujoco.MjModel) -> None:
+    def __init__(self, model: mujoco.MjModel, visual: VisualConfig = DEFAULT) -> None:
         """Raises EvsError as of extract_scene."""
         self._model, self._parts = model, PartCache()
+        self.visual = visual
+        """groups and flags that are seen"""
         self._watch = ModelWatch(model)
-        self.scene: SceneModel = extract_scene(model, self._parts)
+        self.scene: SceneModel = extract_scene(model, self._parts, None, visual)
         """as it was last taken"""
         self.revision = 0
         """how often it was taken anew"""
@@ -46,8 +50,9 @@ class LiveScene:
         """The same scene, of a copy of the model; no edit of either shows in the other."""
         other = LiveScene.__new__(LiveScene)
         other._model, other._parts = model, PartCache(self._parts)
+        other.visual = self.visual
         # its parts are known from here on
-        extract_scene(model, other._parts, self.scene)
+        extract_scene(model, other._parts, self.scene, self.visual)
         other._parts.detach()
         other._watch = ModelWatch(model)
         other.scene, other.revision = self.scene, self.revision
@@ -108,7 +113,9 @@ class LiveScene:
         # known from here on: what is edited meanwhile shows at the next comparison
         self._pending = True
         self._whole |= self._watch.keep()
-        return extract_scene(self._model, self._parts, self.scene) if self._whole else self.scene
+        if not self._whole:
+            return self.scene
+        return extract_scene(self._model, self._parts, self.scene, self.visual)
 
     def taken(self, scene: SceneModel) -> None:
         """`scene` is what cameras show from now on."""

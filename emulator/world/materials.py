@@ -17,9 +17,6 @@ from evs.msgs import EvsError
 
 Rgba = tuple[float, float, float, float]
 
-VISIBLE_GROUPS = 3
-"""Groups 0, 1 and 2 of whatever has groups are shown, as in MuJoCo's viewer at the start."""
-
 Role = mujoco.mjtTextureRole
 
 COLOUR_ROLES = (Role.mjTEXROLE_RGB, Role.mjTEXROLE_RGBA)
@@ -52,11 +49,6 @@ WORDS = {
 
 KTX_MAGIC = bytes([0xAB, 0x4B, 0x54, 0x58])
 """Compressed textures are stored as whole files that begin like this; they are not pixels."""
-
-
-def is_shown(group: int, rgba: Rgba) -> bool:
-    """Whether MuJoCo shows by default what is in this group and has this colour."""
-    return max(0, group) < VISIBLE_GROUPS and rgba[3] > 0.0
 
 
 def geom_rgba(model: mujoco.MjModel, geom: int) -> Rgba:
@@ -110,18 +102,20 @@ class Surfaces:
     """the model's textures that were named and are not pixels, in that order"""
     not_mirrors: int = 0
     """geoms whose material has reflectance and whose shape does not mirror"""
+    textured: bool = True
+    """False: materials are without their images"""
 
-    def of_geom(self, geom: int) -> int:
-        """Index of the geom's surface."""
+    def of_geom(self, geom: int, rgba: Rgba) -> int:
+        """Index of the surface of a geom that has this colour."""
         material = int(self.model.geom_matid[geom])
         mirrors = int(self.model.geom_type[geom]) in MIRRORS
         if not mirrors and material >= 0 and self.model.mat_reflectance[material] > 0:
             self.not_mirrors += 1
-        return self.of(geom_rgba(self.model, geom), material, mirrors=mirrors)
+        return self.of(rgba, material, mirrors=mirrors)
 
-    def of_site(self, site: int) -> int:
-        """Index of the site's surface."""
-        return self.of(site_rgba(self.model, site), int(self.model.site_matid[site]))
+    def of_site(self, site: int, rgba: Rgba) -> int:
+        """Index of the surface of a site that has this colour."""
+        return self.of(rgba, int(self.model.site_matid[site]))
 
     def of(self, rgba: Rgba, material: int, textured: bool = True, *, mirrors: bool = False) -> int:
         """Index the surface with this colour and material.
@@ -137,7 +131,7 @@ class Surfaces:
             surface = self._with_material(rgba, material)
         if not mirrors:
             surface = replace(surface, reflectance=0.0)
-        if not textured:
+        if not (textured and self.textured):
             surface = replace(
                 surface,
                 texture=-1,

@@ -16,14 +16,15 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.scene import F64, I32
+from evs.emulator.config import VisualConfig
 from evs.emulator.world.cameras import BoundCamera, FreeCamera, ModelCamera
 from evs.emulator.world.compat import SLEEP
 from evs.emulator.world.deformables import Deformables
 from evs.emulator.world.encoders import Measurements
-from evs.emulator.world.extraction import visible_geoms, visible_sites
 from evs.emulator.world.lights import active_lights
 from evs.emulator.world.physics import FATAL, SILENT, Physics, UnstableError
 from evs.emulator.world.tendons import Strands
+from evs.emulator.world.visual import DEFAULT, visible_geoms, visible_sites
 
 I64 = npt.NDArray[np.int64]
 
@@ -32,15 +33,15 @@ _FATAL = [*FATAL]
 _CALLBACKS = [getattr(mujoco, name) for name in dir(mujoco) if name.startswith("get_mjcb_")]
 
 
-def why_not_batched(model: mujoco.MjModel) -> str:
+def why_not_batched(model: mujoco.MjModel, visual: VisualConfig = DEFAULT) -> str:
     """Why MuJoCo cannot step many worlds of this model in one call, as a reason; "": it can."""
     if importlib.util.find_spec("mujoco.batch") is None:
         return f"MuJoCo {mujoco.__version__} has no mujoco.batch; 4.0 and later do"
     if model.opt.enableflags & SLEEP:
         return "the model puts bodies to sleep"
-    if len(Deformables(model)):
+    if len(Deformables(model, visual)):
         return "the model has skins or flexes"
-    if len(Strands(model)):
+    if len(Strands(model, visual)):
         return "the model shows tendons, ropes or slider-cranks"
     return ""
 
@@ -182,7 +183,11 @@ class PoseBatch:
     """Where everything in many worlds is after a tick: rows as of SnapshotTaker, world by world."""
 
     def __init__(
-        self, physics: PhysicsBatch, model: mujoco.MjModel, cameras: Sequence[Sequence[BoundCamera]]
+        self,
+        physics: PhysicsBatch,
+        model: mujoco.MjModel,
+        cameras: Sequence[Sequence[BoundCamera]],
+        visual: VisualConfig = DEFAULT,
     ) -> None:
         """Find the rows.
 
@@ -190,9 +195,11 @@ class PoseBatch:
             physics: Whose ticks they follow.
             model: Of one world, and with other values of all; `why_not_batched` has no objection.
             cameras: Of each world, of the same kind.
+            visual: Groups and flags that are seen.
         """
         worlds = len(physics.state)
-        geoms, sites, lights = visible_geoms(model), visible_sites(model), active_lights(model)
+        geoms, sites = visible_geoms(model, visual), visible_sites(model, visual)
+        lights = active_lights(model)
         head, ids = int((lights < 0).sum()), lights[lights >= 0]
         # the headlight comes first; its row has a unit direction that nobody uses
         still = np.zeros((worlds, head, 3))

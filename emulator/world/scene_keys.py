@@ -25,9 +25,9 @@ from evs.emulator.world.materials import (
     COLOUR_ROLES,
     UNSET,
     geom_rgba,
-    is_shown,
 )
 from evs.emulator.world.model import COUNTS, names_of
+from evs.emulator.world.visual import shows_geom
 from evs.msgs import EvsError, unknown
 
 Array = npt.NDArray[Any]
@@ -457,8 +457,7 @@ def _no_headlight(model: mujoco.MjModel, _index: int) -> str:
 
 
 def _hidden_geom(model: mujoco.MjModel, index: int) -> str:
-    shown = is_shown(model.geom_group[index], geom_rgba(model, index))
-    return "" if shown else "is not shown"
+    return "" if shows_geom(model, index) else "is not shown"
 
 
 def _hidden_material(model: mujoco.MjModel, index: int) -> str:

@@ -14,29 +14,35 @@ import numpy as np
 
 from evs.emulator import _core
 from evs.emulator.base.scene import F64, I32, SceneSnapshot
+from evs.emulator.config import VisualConfig
 from evs.emulator.world.cameras import BoundCamera
 from evs.emulator.world.compat import SLEEP
 from evs.emulator.world.daemon_threads import end_daemons_at_exit, end_here
 from evs.emulator.world.deformables import Deformables
-from evs.emulator.world.extraction import visible_geoms, visible_sites
 from evs.emulator.world.lights import active_lights
 from evs.emulator.world.model import new_data
 from evs.emulator.world.model_edits import arrays_of, pose_names
 from evs.emulator.world.physics import check_positions, update_poses
 from evs.emulator.world.tendons import Strands
+from evs.emulator.world.visual import DEFAULT, visible_geoms, visible_sites
 from evs.msgs import EvsError
 
 
 class SnapshotTaker:
     """Takes snapshots of one model, for the cameras it was given.
 
-    The rows of a snapshot are those of `extract_scene(model)`, as the model was when this was made
-    or `fit` was called last. Poses are the model's as it is now.
+    The rows of a snapshot are those of `extract_scene`, with the same groups and flags, as the
+    model was when this was made or `fit` was called last. Poses are the model's as it is now.
     """
 
-    def __init__(self, model: mujoco.MjModel, cameras: Iterable[BoundCamera] = ()) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        cameras: Iterable[BoundCamera] = (),
+        visual: VisualConfig = DEFAULT,
+    ) -> None:
         end_daemons_at_exit()
-        self._given = model
+        self._given, self._visual = model, visual
         self._asleep: tuple[mujoco.MjModel, _core.Watch] | None = None
         self._data = new_data(self._awake())
         self.fit(cameras)
@@ -49,12 +55,12 @@ class SnapshotTaker:
         self._qpos, self._mocap_pos = own.qpos, own.mocap_pos.reshape(-1)
         self._mocap_quat = own.mocap_quat.reshape(-1)
         # skins and flexes are given in the world's frame
-        self._deforming = Deformables(model)
+        self._deforming = Deformables(model, self._visual)
         count = len(self._deforming)
         still = np.zeros((count, 3)), np.tile(np.eye(3).ravel(), (count, 1))
-        geoms, sites = visible_geoms(model), visible_sites(model)
+        geoms, sites = visible_geoms(model, self._visual), visible_sites(model, self._visual)
         # tendons and ropes are found from what MuJoCo finds
-        self._strands = strands = Strands(model)
+        self._strands = strands = Strands(model, self._visual)
         every = np.arange(len(strands), dtype=np.int32)
         self._geom_pos = _Rows(
             (own.geom_xpos, geoms), still[0], (own.site_xpos, sites), (strands.pos, every)

@@ -18,8 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.scene import F32, F64, I32, ObjectKind, Shape
-from evs.emulator.world.materials import Rgba, is_shown, shown_rgba
+from evs.emulator.config import VisualConfig
+from evs.emulator.world.materials import Rgba, shown_rgba
 from evs.emulator.world.physics import gravity_of
+from evs.emulator.world.visual import DEFAULT, faded, is_shown
 
 HALVINGS = 4
 """A stretch that lies on a sphere or cylinder is halved so often: at a right angle its pieces run
@@ -154,20 +156,22 @@ class Strands:
     sizes: F32
     """(n, 3) as SceneModel.geom_size: radius, half length, 0"""
 
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self._model = model
+    def __init__(self, model: mujoco.MjModel, visual: VisualConfig = DEFAULT) -> None:
+        self._model, self._visual = model, visual
         self._tendons = [
             i
             for i in range(model.ntendon)
             if model.wrap_type[model.tendon_adr[i]] != mujoco.mjtWrap.mjWRAP_JOINT
-            and is_shown(model.tendon_group[i], self._tendon_appearance(i)[0])
+            and visual.tendon
+            and is_shown(visual.tendongroup, model.tendon_group[i], self._tendon_appearance(i)[0])
         ]
         self._ropes = [
             i
             for i in range(model.nflex)
-            if model.flex_dim[i] == 1
+            if (model.flex_dim[i] == 1 or not visual.flexskin)
+            and visual.flexedge
             and model.flex_radius[i] > 0
-            and is_shown(model.flex_group[i], self._rope_appearance(i)[0])
+            and is_shown(visual.flexgroup, model.flex_group[i], self._rope_appearance(i)[0])
         ]
         self._appearances: list[Appearance] = []
         self._things: list[tuple[ObjectKind, int]] = []
@@ -328,12 +332,14 @@ class Strands:
     def _tendon_appearance(self, tendon: int) -> Appearance:
         material = int(self._model.tendon_matid[tendon])
         rgba, kind = self._model.tendon_rgba[tendon], mujoco.mjtObj.mjOBJ_TENDON
-        return shown_rgba(self._model, kind, tendon, rgba, material), material, True
+        own = shown_rgba(self._model, kind, tendon, rgba, material)
+        return faded(self._model, own, self._visual), material, True
 
     def _rope_appearance(self, flex: int) -> Appearance:
         material = int(self._model.flex_matid[flex])
         rgba, kind = self._model.flex_rgba[flex], mujoco.mjtObj.mjOBJ_FLEX
-        return shown_rgba(self._model, kind, flex, rgba, material), material, False
+        own = shown_rgba(self._model, kind, flex, rgba, material)
+        return faded(self._model, own, self._visual), material, False
 
 
 def _plain(rgba: npt.NDArray[np.float32]) -> Appearance:

@@ -52,6 +52,25 @@ def test_the_keys_of_emulate_change_it(capsys: pytest.CaptureFixture[str]) -> No
     assert "leak" not in [*found["plan"]["on"], *found["plan"]["off"]]
 
 
+def test_groups_that_are_seen_and_geoms_that_are_not(capsys: pytest.CaptureFixture[str]) -> None:
+    usual = planned(capsys, SCENE, *SMALL)["plan"]["contents"]
+    assert usual["seen"].startswith("geomgroup 0 1 2, sitegroup 0 1 2")
+    assert "hidden_geoms" not in usual
+    words = ["scene.visual.geomgroup=[1]", "scene.visual.static=false"]
+    with pytest.raises(SystemExit) as stopped:
+        raise SystemExit(main(["plan", SCENE, *SMALL, *words]))
+    assert stopped.value.code == 2
+    assert "4 in group 0" in capsys.readouterr().err
+    words = ["scene.visual.static=false", "scene.visual.texture=false"]
+    still = planned(capsys, SCENE, *SMALL, *words)["plan"]["contents"]
+    assert still["seen"].endswith("flexgroup 0 1 2, texture off, static off")
+    assert still["hidden_geoms"] == ["1 in group 0 (floor)"]
+    assert main(["plan", SCENE, *SMALL, *words]) == 0
+    shown = capsys.readouterr().out
+    assert "hidden geoms" in shown
+    assert "1 in group 0 (floor)" in shown
+
+
 def test_everything_is_said_to_be_forced(capsys: pytest.CaptureFixture[str]) -> None:
     plan = planned(capsys, "--scene", SCENE, *SMALL, "--model-everything")["plan"]
     assert {"fog", "haze", "aps", "imu", "causes", "ground_truth"} <= {*plan["forced"]}
