@@ -7,11 +7,12 @@ from functools import partial
 from typing import Any
 
 from evs.drivers.environments.event_env import EpisodeCameras, EventEnv
+from evs.drivers.environments.host_view import find_visual
 from evs.drivers.environments.physics import holds_environments, is_gymnasium
 from evs.emulator import EventCamera
 from evs.emulator.camera.camera_plan import free_name
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
-from evs.emulator.world import MjModel
+from evs.emulator.world import MjModel, Visual
 from evs.msgs import EvsError
 
 EVERY = ("substep", "step")
@@ -27,6 +28,7 @@ def wrap(
     model_config: ModelConfig | None = None,
     seed: int = 0,
     threads: int = 0,
+    visual: Visual | None = None,
 ) -> Any:
     """Put an event camera into an environment.
 
@@ -57,6 +59,10 @@ def wrap(
         model_config: What turns light into events.
         seed: The noise of all episodes follows from it, and from a seed that `reset` is given.
         threads: Worker threads; 0: one a core.
+        visual: Groups and flags that are seen, a mujoco.MjvOption or a VisualConfig; None: those of
+            the environment's own pictures where it has any (robosuite's render_collision_mesh,
+            Gymnasium's MujocoRenderer, dm_control's scene_option), else what MuJoCo shows by
+            default.
 
     Returns:
         The environment with `events`, (n,) EVENT_DTYPE of its last step, `event_camera`, the
@@ -80,6 +86,7 @@ def wrap(
                 model_config=model_config,
                 seed=seed + number,
                 threads=threads,
+                visual=visual,
             )
 
         return EventVectorWrapper(env, one)
@@ -100,6 +107,7 @@ def wrap(
                 render=render,
                 model_config=model_config,
                 threads=threads,
+                visual=find_visual(env, one) if visual is None else visual,
             )
             event_camera = new()
             name = event_camera.info.camera

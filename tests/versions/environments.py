@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -58,6 +59,14 @@ def test_metaworld() -> None:
     env = gymnasium.make("Meta-World/MT1", env_name="reach-v3", seed=0)
     env.action_space.seed(0)
     watch(env, env.action_space.sample, "topview")
+    # flags of its own pictures
+    renderer = env.unwrapped.mujoco_renderer
+    renderer._vopt = {int(mujoco.mjtVisFlag.mjVIS_STATIC): False}
+    seen = evs.wrap(env, "topview", sensor="dvs128").event_camera
+    ids = seen.ground_truth().geom_id
+    model = env.unwrapped.model
+    assert (ids >= 0).any()
+    assert (model.body_weldid[model.geom_bodyid[ids[ids >= 0]]] != 0).all()
     refused(env, r"env.unwrapped.model \(Metaworld too\)")
 
 
@@ -76,6 +85,11 @@ def test_robosuite(hard_reset: bool) -> None:
     action = np.full(env.action_dim, 0.5)
     seen = watch(env, lambda: action, "agentview")
     before = seen.event_camera
+    # robosuite's cameras show visual geoms (group 1), not those that collide (group 0)
+    ids = seen.event_camera.ground_truth().geom_id
+    groups = env.sim.model._model.geom_group[ids[ids >= 0]]
+    assert len(groups) > 1000
+    assert set(groups.tolist()) == {1}
     # a soft reset keeps the model, a hard one compiles another
     seen.reset()
     assert (seen.event_camera is before) is not hard_reset
@@ -104,6 +118,24 @@ def test_dm_control(name: tuple[str, str], every: str) -> None:
     action = np.full(env.action_spec().shape, 0.5)
     watch(env, lambda: action, every=every)
     refused(env.physics.model, "dm_control: physics.model.ptr")
+
+
+def test_dm_control_scene_option() -> None:
+    from dm_control import suite
+    from dm_control.mujoco.wrapper import MjvOption
+    from dm_control.suite.wrappers import pixels
+
+    option = MjvOption()
+    option.flags[int(mujoco.mjtVisFlag.mjVIS_STATIC)] = 0
+    # its pictures need OpenGL, and a camera of ours does not
+    env = suite.load("humanoid", "walk", task_kwargs={"random": 0})
+    layer = pixels.Wrapper.__new__(pixels.Wrapper)
+    layer._env, layer._render_kwargs = env, {"scene_option": option, "camera_id": "side"}
+    camera = evs.wrap(layer, "side", sensor="dvs128").event_camera
+    ids = camera.ground_truth().geom_id
+    model = env.physics.model
+    assert (ids >= 0).any()
+    assert (model.body_weldid[model.geom_bodyid[ids[ids >= 0]]] != 0).all()
 
 
 def test_dm_control_recompiled() -> None:

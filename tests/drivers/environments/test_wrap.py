@@ -437,3 +437,81 @@ env.step()
 assert "gymnasium" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+GROUPS = """
+<mujoco><worldbody><light pos="0 0 3"/><camera name="eye" pos="0 -1.5 .5" xyaxes="1 0 0 0 0 1"/>
+<geom type="plane" size="3 3 .1" group="1"/><geom size=".3" group="0"/>
+<geom size=".2" group="1"/><geom size=".4" pos=".2 0 0" group="3"/></worldbody></mujoco>"""
+HIDDEN = mujoco.MjvOption()
+HIDDEN.geomgroup[0] = 0
+
+
+def pair() -> tuple[mujoco.MjModel, mujoco.MjData]:
+    model = mujoco.MjModel.from_xml_string(GROUPS)
+    return model, mujoco.MjData(model)
+
+
+class Robosuite:
+    """As robosuite: which meshes its cameras show is an argument of its environments."""
+
+    def __init__(self, collision: bool = False, visual: bool = True) -> None:
+        self.render_collision_mesh, self.render_visual_mesh = collision, visual
+        model, data = pair()
+        self.sim = SimpleNamespace(
+            model=SimpleNamespace(_model=model), data=SimpleNamespace(_data=data)
+        )
+
+
+class Rendered(Ball):
+    """As Gymnasium's MujocoEnv: flags until there is a viewer, then the viewer's own option."""
+
+    def __init__(self, flags: dict[int, bool], viewer: Any = None) -> None:
+        super().__init__()
+        self.model, self.data = pair()
+        viewers = {"rgb_array": viewer} if viewer else {}
+        self.mujoco_renderer = SimpleNamespace(_viewers=viewers, viewer=viewer, _vopt=flags)
+
+
+class Pixels:
+    """As dm_control's pixels.Wrapper: an option for its own pictures, in a wrapper of its own."""
+
+    def __init__(self, **render_kwargs: Any) -> None:
+        model, data = pair()
+        self._env = SimpleNamespace(
+            physics=SimpleNamespace(
+                model=SimpleNamespace(ptr=model), data=SimpleNamespace(ptr=data)
+            )
+        )
+        self._render_kwargs = render_kwargs
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._env, name)
+
+
+NO_STATIC = {int(mujoco.mjtVisFlag.mjVIS_STATIC): False}
+
+
+@pytest.mark.parametrize(
+    ("env", "more", "seen"),
+    [
+        (Robosuite, {}, {0, 2}),
+        (lambda: Robosuite(collision=True), {}, {0, 1}),
+        (lambda: Robosuite(collision=True, visual=False), {}, {-1, 1}),
+        (Robosuite, {"visual": mujoco.MjvOption()}, {0, 1}),
+        (lambda: Rendered({}), {}, {0, 1}),
+        (lambda: Rendered({}, SimpleNamespace(vopt=HIDDEN)), {}, {0, 2}),
+        (lambda: Pixels(scene_option=SimpleNamespace(ptr=HIDDEN)), {}, {0, 2}),
+        (Pixels, {}, {0, 1}),
+    ],
+)
+def test_what_the_pictures_of_the_host_hide_is_hidden(
+    env: Callable[[], Any], more: dict[str, Any], seen: set[int]
+) -> None:
+    camera = wrapped(env(), **more).event_camera
+    assert set(camera.ground_truth().geom_id.ravel().tolist()) - {-1} == seen - {-1}
+
+
+def test_flags_of_a_gymnasium_renderer_hold() -> None:
+    with pytest.raises(EvsError, match=r"nothing to see.*scene.visual"):
+        wrapped(Rendered(NO_STATIC))
