@@ -6,6 +6,7 @@ newest form needs no line here.
 
 from __future__ import annotations
 
+import warnings
 from functools import cache
 
 import mujoco
@@ -23,6 +24,23 @@ ORTHOGRAPHIC = (
     'projection="orthographic"' if hasattr(mujoco, "mjtProjection") else 'orthographic="true"'
 )
 """What makes a camera in MJCF project in parallel; MuJoCo 3.5 and later know the first alone."""
+
+
+WRONG_NEWTON = "4.0.0"
+"""The MuJoCo whose Newton solver is wrong where it is sparse (its issue 3767). 4.0.1 is mended:
+once it is on the package index, exclude this in pyproject.toml and drop `warn_wrong_newton`."""
+
+
+def warn_wrong_newton(model: mujoco.MjModel) -> None:
+    """Warn where this MuJoCo solves the constraints of a model wrongly."""
+    newton = model.opt.solver == mujoco.mjtSolver.mjSOL_NEWTON
+    if str(mujoco.__version__) == WRONG_NEWTON and newton and mujoco.mj_isSparse(model):
+        warnings.warn(
+            f"MuJoCo {WRONG_NEWTON} solves contacts of models as large as this wrongly (its issue "
+            '3767): give the model <option jacobian="dense"/>, or install another MuJoCo (pip '
+            f"install 'mujoco!={WRONG_NEWTON}')",
+            stacklevel=2,
+        )
 
 
 def light_type(model: mujoco.MjModel, light: int) -> int:

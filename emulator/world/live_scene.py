@@ -11,6 +11,7 @@ from evs.emulator import _core
 from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.base.scene import SceneModel
 from evs.emulator.config import VisualConfig
+from evs.emulator.world.compat import warn_wrong_newton
 from evs.emulator.world.extraction import extract_scene
 from evs.emulator.world.model_edits import (
     DEFORMING,
@@ -34,7 +35,8 @@ class LiveScene:
     """
 
     def __init__(self, model: mujoco.MjModel, visual: VisualConfig = DEFAULT) -> None:
-        """Raises EvsError as of extract_scene."""
+        """Raises EvsError as of extract_scene; warns as of warn_wrong_newton."""
+        warn_wrong_newton(model)
         self._model, self._parts = model, PartCache()
         self.visual = visual
         """groups and flags that are seen"""

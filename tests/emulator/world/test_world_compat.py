@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import mujoco
@@ -11,6 +12,7 @@ from evs.emulator.base.scene import LightKind
 from evs.emulator.world import (
     MUJOCO_VERSION,
     ORTHOGRAPHIC,
+    LiveScene,
     actuator_names,
     bind_camera,
     extract_scene,
@@ -75,3 +77,24 @@ def test_what_this_mujoco_does_not_know_names_its_version(tmp_path: Path) -> Non
     scene.write_text('<mujoco><worldbody><geom size="1" glitter="2"/></worldbody></mujoco>')
     with pytest.raises(EvsError, match=rf"'glitter'.*in MuJoCo {MUJOCO_VERSION}; a newer one"):
         load_model(scene)
+
+
+@pytest.mark.parametrize("version", ["4.0.0", "4.0.1"])
+@pytest.mark.parametrize("solver", ["Newton", "CG"])
+@pytest.mark.parametrize("jacobian", ["sparse", "dense", "auto"])
+@pytest.mark.parametrize("balls", [2, 12])
+def test_a_wrong_newton_solver_is_warned_of_where_it_is_used(
+    version: str, solver: str, jacobian: str, balls: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mujoco, "__version__", version)
+    bodies = "<body><freejoint/><geom size='.1'/></body>" * balls
+    text = f"<option solver='{solver}' jacobian='{jacobian}'/><worldbody>{bodies}</worldbody>"
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{text}</mujoco>")
+    # auto is sparse from 60 degrees of freedom on
+    sparse = jacobian == "sparse" or (jacobian == "auto" and balls == 12)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        LiveScene(model)
+    told = [str(one.message) for one in caught if "3767" in str(one.message)]
+    assert len(told) == (version == "4.0.0" and solver == "Newton" and sparse)
+    assert all("jacobian=" in one and "pip install 'mujoco!=4.0.0'" in one for one in told)
