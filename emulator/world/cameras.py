@@ -306,14 +306,15 @@ def _model_optics(
         fovy = float(model.cam_fovy[camera])
         return _with_lens(_optics(width, height, fovy, orthographic, config), config)
 
-    if not min(size_x, size_y, *model.cam_intrinsic[camera][:2]) > 0.0:
+    numbers = (size_x, size_y, *(float(v) for v in model.cam_intrinsic[camera]))
+    if not (all(v > 0.0 for v in numbers[:4]) and math.isfinite(sum(numbers))):
         name = name_of(model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
         raise EvsError(
             f"camera '{name}' has a sensorsize, but not all of it and of its focal lengths is over "
-            "0: give focal or focalpixel in the model, or camera.fovy here"
+            "0 and finite: give focal or focalpixel in the model, or camera.fovy here"
         )
     # the model's image plane is stretched over our pixels, as MuJoCo stretches it over a window
-    focal_x, focal_y, principal_x, principal_y = (float(v) for v in model.cam_intrinsic[camera])
+    focal_x, focal_y, principal_x, principal_y = numbers[2:]
     cx, cy = width / 2 - principal_x / size_x * width, height / 2 - principal_y / size_y * height
     cx, cy = config.principal_px or (cx, cy)
     fx, fy = focal_x / size_x * width, focal_y / size_y * height

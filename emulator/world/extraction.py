@@ -21,7 +21,7 @@ from evs.emulator.world.meshes import (
     height_field_arrays,
     mesh_arrays,
 )
-from evs.emulator.world.model import check_indices, names_of
+from evs.emulator.world.model import check_model, names_of
 from evs.emulator.world.model_edits import DEFORMING, PartCache, arrays_of
 from evs.emulator.world.tendons import Strands
 from evs.emulator.world.visual import (
@@ -57,7 +57,7 @@ def extract_scene(
     Raises:
         EvsError: Nothing is visible.
     """
-    check_indices(model)
+    check_model(model)
     parts = PartCache() if parts is None else parts
     geoms, sites = visible_geoms(model, visual), visible_sites(model, visual)
     deforming, strands = Deformables(model, visual), Strands(model, visual)

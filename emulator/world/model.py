@@ -11,7 +11,7 @@ import logging
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import mujoco
 import numpy as np
@@ -44,6 +44,7 @@ def load_model(scene: Scene) -> mujoco.MjModel:
         EvsError: There is no such file, MuJoCo refuses it, or `scene` is something else.
     """
     model = _load_any(scene)
+    check_model(model)
     keep_offsets(model)
     return model
 
@@ -237,15 +238,38 @@ def one_line(reason: object) -> str:
 
 BODIES = (
     *("body_parentid", "body_rootid", "body_weldid", "geom_bodyid", "cam_bodyid", "light_bodyid"),
-    *("cam_targetbodyid", "light_targetbodyid"),
+    *("cam_targetbodyid", "light_targetbodyid", "site_bodyid", "jnt_bodyid", "dof_bodyid"),
+    *("skin_bonebodyid", "flex_vertbodyid", "flex_nodebodyid"),
 )
+MATERIALS = ("geom_matid", "site_matid", "skin_matid", "tendon_matid", "flex_matid")
 TARGETS = {
     **dict.fromkeys(BODIES, "nbody"),
-    **dict.fromkeys(("geom_matid", "skin_matid", "flex_matid"), "nmat"),
+    **dict.fromkeys(MATERIALS, "nmat"),
     **dict.fromkeys(("mat_texid", "light_texid"), "ntex"),
+    **dict.fromkeys(("body_jntadr", "dof_jntid"), "njnt"),
+    **dict.fromkeys(("body_dofadr", "jnt_dofadr", "dof_parentid"), "nv"),
+    "body_geomadr": "ngeom",
     "body_mocapid": "nmocap",
+    "jnt_qposadr": "nq",
+    "tendon_adr": "nwrap",
+    "mesh_vertadr": "nmeshvert",
+    "mesh_faceadr": "nmeshface",
+    "hfield_adr": "nhfielddata",
+    "tex_adr": "ntexdata",
 }
 """field of mjModel -> what its values count; -1 is none"""
+
+KINDS: dict[str, type] = {
+    "geom_type": mujoco.mjtGeom,
+    "site_type": mujoco.mjtGeom,
+    "jnt_type": mujoco.mjtJoint,
+    "light_type": getattr(mujoco, "mjtLightType", mujoco.mjtTexture),
+    "tex_type": mujoco.mjtTexture,
+    "wrap_type": mujoco.mjtWrap,
+    "cam_mode": mujoco.mjtCamLight,
+    "light_mode": mujoco.mjtCamLight,
+}
+"""field of mjModel -> the enumeration of its values"""
 
 GEOM_DATA = {
     mujoco.mjtGeom.mjGEOM_HFIELD: "nhfield",
@@ -255,31 +279,53 @@ GEOM_DATA = {
 """type of geom -> what geom_dataid counts"""
 
 
-def check_indices(model: mujoco.MjModel) -> None:
-    """Check the numbers in a model that point to other parts of it.
+def check_model(model: mujoco.MjModel) -> None:
+    """Check the numbers in a model that point to other parts of it, its kinds and its names.
 
     MuJoCo and renderers follow them blindly.
 
     Raises:
-        EvsError: An index points to what the model does not have.
+        EvsError: An index points to what the model does not have, a kind is none of MuJoCo's, or a
+            name is not UTF-8.
     """
     for field, count in TARGETS.items():
         values = getattr(model, field, None)
         if values is not None:
-            _check_index(field, np.asarray(values), count, int(getattr(model, count)))
+            end = int(getattr(model, count))
+            _check_range(field, np.asarray(values), -1, end, f"{count} is {end}")
     for kind, count in GEOM_DATA.items():
         rows = np.asarray(model.geom_type) == kind
-        values = np.where(rows, np.asarray(model.geom_dataid), -1)
-        _check_index("geom_dataid", values, count, int(getattr(model, count)))
-
-
-def _check_index(field: str, values: npt.NDArray[np.int32], count: str, end: int) -> None:
-    bad = np.argwhere((values < -1) | (values >= end))
-    if len(bad):
-        place = tuple(int(one) for one in bad[0])
+        values, end = np.where(rows, np.asarray(model.geom_dataid), -1), int(getattr(model, count))
+        _check_range("geom_dataid", values, -1, end, f"{count} is {end}")
+    for field, kinds in KINDS.items():
+        values = getattr(model, field, None)
+        if values is not None:
+            known = [int(kind) for kind in kinds.__members__.values()]  # type: ignore[attr-defined]
+            _check_known(field, np.asarray(values), known, kinds.__name__)
+    try:
+        bytes(model.names).decode()
+    except UnicodeDecodeError as reason:
+        begin = bytes(model.names).rfind(b"\0", 0, reason.start) + 1
+        name = bytes(model.names)[begin:].partition(b"\0")[0]
         raise EvsError(
-            f"model.{field}[{', '.join(map(str, place))}] is {int(values[place])}, but {count} is "
-            f"{end}: it points to nothing; put it back"
+            f"the model has a name that is not UTF-8, {str(name)[1:]}: save its file as UTF-8"
+        ) from None
+
+
+def _check_range(field: str, values: npt.NDArray[Any], low: int, end: int, but: str) -> None:
+    _refuse(field, values, (values < low) | (values >= end), f"but {but}: it points to nothing")
+
+
+def _check_known(field: str, values: npt.NDArray[Any], known: list[int], kind: str) -> None:
+    _refuse(field, values, ~np.isin(values, known), f"which is no {kind}")
+
+
+def _refuse(field: str, values: npt.NDArray[Any], bad: npt.NDArray[Any], why: str) -> None:
+    if bad.any():
+        place = tuple(int(one) for one in np.argwhere(bad)[0])
+        raise EvsError(
+            f"model.{field}[{', '.join(map(str, place))}] is {int(values[place])}, {why}; "
+            "put it back"
         )
 
 

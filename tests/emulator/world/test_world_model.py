@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator.world import load_model
+from evs.emulator.world import bind_camera, extract_scene, load_model
 from evs.emulator.world.model import new_data
 from evs.msgs import EvsError
 from evs.tools.stress.memory import address_space
@@ -159,3 +159,46 @@ def test_a_state_that_memory_does_not_hold_is_one_line() -> None:
 def test_a_path_out_of_reach_is_one_line(tmp_path, ending):
     with pytest.raises(EvsError, match=r"^cannot reach '.*': File name too long; give another"):
         load_model(tmp_path / ("d" * 300 + ending))
+
+
+PARTS = """<mujoco><asset><texture name="t" type="2d" builtin="flat" width="4" height="4"/>
+<material name="m" texture="t"/></asset><worldbody><light name="lamp"/><site/>
+<camera name="eye" sensorsize=".004 .003" resolution="400 300" focal=".005 .006"/>
+<geom size=".1" material="m"/><body><joint/><geom size=".1"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("value", [99, -7])
+@pytest.mark.parametrize(
+    "field",
+    [
+        *("geom_matid", "site_matid", "mat_texid", "light_texid", "geom_bodyid", "jnt_bodyid"),
+        *("body_jntadr", "body_dofadr", "body_geomadr", "jnt_qposadr", "jnt_dofadr", "tex_adr"),
+        *("geom_type", "site_type", "light_type", "jnt_type", "tex_type", "cam_mode", "light_mode"),
+    ],
+)
+def test_an_index_or_a_kind_out_of_range_is_one_line(field, value):
+    model = mujoco.MjModel.from_xml_string(PARTS)
+    value = value if field != "tex_adr" or value < 0 else 1000
+    getattr(model, field)[0] = value
+    assert complaint(model).startswith(f"model.{field}[0")
+    # a model of somebody else's is not loaded
+    with pytest.raises(EvsError, match=rf"^model\.{field}\[0.* is {value}, .*; put it back$"):
+        extract_scene(model)
+
+
+@pytest.mark.parametrize("field", ["cam_sensorsize", "cam_intrinsic"])
+@pytest.mark.parametrize("place", range(4))
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_intrinsics_that_are_no_numbers_are_one_line(field, place, value):
+    model = mujoco.MjModel.from_xml_string(PARTS)
+    values = getattr(model, field)[0]
+    values[place % len(values)] = value
+    with pytest.raises(EvsError, match="camera 'eye' has a sensorsize, but not all of it"):
+        bind_camera(model, "eye", 4, 3)
+
+
+def test_a_name_that_is_not_utf8_is_one_line(tmp_path):
+    path = tmp_path / "latin.xml"
+    path.write_bytes(PARTS.encode().replace(b'"lamp"', b'"l\xe4mp"'))
+    expected = r"the model has a name that is not UTF-8, 'l\xe4mp': save its file as UTF-8"
+    assert complaint(path) == expected
