@@ -158,10 +158,23 @@ def _convert_value(value: Any, annotation: Any, path: str, root: type) -> Any:
                 return tuple(_convert(v, k, f"{path}.{i}", root) for i, (v, k) in items)
         elif kind is float and _is_number(value) and math.isfinite(value):
             return float(value)
-        elif (kind is int and _is_integer(value)) or (kind in (bool, str) and type(value) is kind):
+        elif kind is str and type(value) is str:
+            return _text(value, path)
+        elif (kind is int and _is_integer(value)) or (kind is bool and type(value) is bool):
             return value
     expected = " or ".join(_in_words(kind) for kind in kinds)
     raise EvsError(f"at {path}: expected {expected}, got {_shown(value)}")
+
+
+def _text(value: str, path: str) -> str:
+    """A text that names of files, models and messages can hold; EvsError with its path."""
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        raise EvsError(f"at {path}: {value!a} is not UTF-8 text") from None
+    if "\0" in value:
+        raise EvsError(f"at {path}: {_shown(value)} has a null character; leave it out")
+    return value
 
 
 def _override(config: Any, parts: list[str], text: str, path: str, root: type) -> Any:
@@ -206,7 +219,7 @@ def _free_keys(table: Any, path: str, prefix: str = "") -> Iterator[tuple[str, s
         if isinstance(value, Mapping):
             yield from _free_keys(value, path, f"{prefix}{key}.")
         elif isinstance(value, str):
-            yield prefix + key, value
+            yield prefix + key, _text(value, f"{path}.{prefix}{key}")
         else:
             raise EvsError(f"at {path}.{prefix}{key}: expected a string, got {_shown(value)}")
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import errno
 import importlib
+import io
 import os
 import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from evs import __version__
 from evs.emulator.base.memory_limits import address_space_left
@@ -108,10 +109,17 @@ INSTALL = "install evs again, or raise the memory limit if there is one (ulimit 
 LEAST_BYTES = 220_000_000
 """of address space: what a small scene takes. With less, some library, or the C library itself,
 aborts the process while it is loaded, each with another message."""
+MOST_NUMBER = 2**31 - 1
+"""The largest whole number of an option: threads, pixels, seeds, counts."""
 
 
 class Parser(argparse.ArgumentParser):
     """An ArgumentParser whose errors are EvsErrors: one line that says how to get help."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        """As of ArgumentParser; every `type=int` is bounded."""
+        super().__init__(*args, **options)
+        self.register("type", int, _whole_number)
 
     def error(self, message: str) -> NoReturn:
         """Raise an EvsError, with the nearest known option if one was misspelt."""
@@ -120,6 +128,14 @@ class Parser(argparse.ArgumentParser):
             known = [name for name in self._option_string_actions if name.startswith("--")]
             message += f"; nearest: {nearest_first(word, known)[0]}"
         raise EvsError(f"{message} (try: {self.prog} --help)")
+
+
+def _whole_number(text: str) -> int:
+    """An integer that native code and numpy can hold."""
+    value = int(text)
+    if abs(value) > MOST_NUMBER:
+        raise argparse.ArgumentTypeError(f"{text} is not within +-{MOST_NUMBER:,}")
+    return value
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -135,6 +151,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             complete(COMMANDS, lambda name: _parser(name, module_of(name)))
         if sys.stdout is None:
             raise EvsError("standard output is closed (>&-): give it a place, as in >/dev/null")
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            # a terminal that has no Greek letters shows the rest
+            sys.stdout.reconfigure(errors="replace")
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning
             return _flushed(words)
@@ -157,19 +176,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _discard_output()
         return 141
     except OSError as reason:
-        if reason.filename is not None:
-            # a path of the user's that is out of reach: no right to its folder, a name too long
-            from evs.emulator.base.small_files import out_of_reach
-
-            message = str(out_of_reach(reason.filename, reason))
-            print("evs:", " ".join(message.split()), file=sys.stderr)
-            return 2
-        if reason.errno != errno.ENOSPC:
-            raise
-        # `evs ... > FILE` where there is no room
-        _discard_output()
-        print(f"evs: cannot write its output: {reason.strerror}; make room", file=sys.stderr)
+        print("evs:", " ".join(_system_message(reason).split()), file=sys.stderr)
+        if reason.filename is None and reason.errno == errno.ENOSPC:
+            _discard_output()
         return 2
+
+
+def _system_message(reason: OSError) -> str:
+    """What the system refused, and the fix: a file of the user's, or no room on a disk."""
+    from evs.emulator.base.small_files import out_of_reach
+
+    if reason.errno == errno.ENOSPC:
+        of = f"'{reason.filename}'" if reason.filename is not None else "its output"
+        return f"cannot write {of}: {reason.strerror}; make room"
+    if reason.filename is not None:
+        # no right to its folder, a name too long
+        return str(out_of_reach(reason.filename, reason))
+    return f"the system refuses something that evs needs: {reason.strerror or reason}"
 
 
 def _discard_output() -> None:
@@ -201,6 +224,7 @@ def _dispatch(words: list[str]) -> int:
         kind = "option" if name.startswith("-") else "command"
         raise EvsError(f"{unknown(kind, name, COMMANDS)} (try: evs --help)")
     _check_room()
+    _check_folder()
     module = module_of(name)
     parser = _parser(name, module)
     # argparse cannot mix options with the arguments of commands that have commands of their own
@@ -222,6 +246,15 @@ def _check_room() -> None:
             f"{max(0, left) / 1e6:.0f} MB of memory are left to this process, which needs "
             f"{LEAST_BYTES / 1e6:.0f}; raise the limit of this shell or container (ulimit -v)"
         )
+
+
+def _check_folder() -> None:
+    try:
+        Path.cwd()
+    except OSError as reason:
+        raise EvsError(
+            f"the folder that this shell is in cannot be reached ({reason.strerror}): cd to another"
+        ) from None
 
 
 def _parser(name: str, module: ModuleType) -> Parser:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import errno
+import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -94,6 +98,8 @@ def test_the_version_is_told(capsys: Capture) -> None:
         (["fake", "--numb", "3"], "evs: unrecognized arguments: --numb"),
         (["fake", "--number", "x"], "evs: argument --number: invalid int value: 'x'"),
         (["fake", "--number"], "evs: argument --number: expected one argument"),
+        (["fake", "--number", "9" * 20], "evs: argument --number: 99999999999999999999 is not"),
+        (["fake", "--number", f"-{2**31}"], "evs: argument --number: -2147483648 is not within"),
     ],
 )
 def test_a_wrong_command_line_is_one_line_with_the_way_to_help(
@@ -217,3 +223,131 @@ def test_a_path_out_of_reach_is_one_line(words: str, capsys: Capture) -> None:
     assert line.startswith("evs: ")
     assert LONG in line
     assert "File name too long" in line
+
+
+@pytest.mark.parametrize(
+    ("number", "file", "said"),
+    [
+        (errno.ENOSPC, None, "cannot write its output: No space left on device; make room"),
+        (errno.ENOSPC, "a.npz", "cannot write 'a.npz': No space left on device; make room"),
+        (errno.EFBIG, None, "the system refuses something that evs needs: File too large"),
+        (errno.EMFILE, "a", "cannot reach 'a': Too many open files; give another path, or the"),
+        (errno.EIO, None, "the system refuses something that evs needs: Input/output error"),
+    ],
+)
+def test_whatever_the_system_refuses_is_one_line(
+    number: int, file: str | None, said: str, monkeypatch: pytest.MonkeyPatch, capfd: Any
+) -> None:
+    def run(args: argparse.Namespace) -> int:
+        raise OSError(number, os.strerror(number), file)
+
+    monkeypatch.setattr(main, "_discard_output", lambda: None)
+    add_command(monkeypatch, run)
+    assert main.main(["fake"]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith(f"evs: {said}")
+
+
+def test_a_deleted_working_folder_is_one_line(tmp_path: Path) -> None:
+    folder = tmp_path / "gone"
+    folder.mkdir()
+    line = f"cd {folder}; rmdir {folder}; '{sys.executable}' -m evs doctor --quick"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    ended = subprocess.run(
+        ["bash", "-c", line], env=environment, capture_output=True, text=True, timeout=60
+    )
+    assert ended.returncode == 2
+    assert "evs: the folder that this shell is in cannot be reached" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_what_a_terminal_cannot_show_becomes_a_question_mark(tmp_path: Path) -> None:
+    code = (
+        "import sys, types; from evs.launch import main; "
+        "f = types.SimpleNamespace(configure=lambda p: None, run=lambda a: print('1 \u03c3')); "
+        "sys.modules['evs.launch.commands.info'] = f; sys.exit(main.main(['info']))"
+    )
+    environment = {
+        **os.environ,
+        "PYTHONIOENCODING": "ascii",
+        "PYTHONPATH": os.pathsep.join(sys.path),
+    }
+    ended = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "1 ?\n", "")
+
+
+TEXT_KEYS = [
+    *("report", "record", "publish", "scene.file", "scene.camera", "scene.keyframe"),
+    *("scene.control", "scene.control_file", "camera.body", "camera.trajectory", "sensor.preset"),
+    *("sensor.readout.mask_file", "model.network", "sink.0.file", "sink.0.allow", "lockstep.key"),
+]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        *((f"{key}=a\0b", "null character") for key in TEXT_KEYS),
+        *((f"{key}=a\udcffb", "is not UTF-8 text") for key in TEXT_KEYS),
+        ("scene.camera=a\udcffb", "at scene.camera: 'a\\udcffb' is not UTF-8 text"),
+        ("\udcff.xml", "at scene.file: '\\udcff.xml' is not UTF-8 text"),
+    ],
+)
+def test_text_that_no_file_or_model_can_hold_is_one_line(
+    words: str, said: str, capsys: Capture
+) -> None:
+    assert main.main(["emulate", words]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("evs: at ")
+    assert said in line
+
+
+def test_the_same_in_a_pipeline_file(tmp_path: Path, capsys: Capture) -> None:
+    file = tmp_path / "nul.toml"
+    for text, key in (
+        ('report = "x\\u0000"', "report"),
+        ('[[sink]]\ntype = "aedat4"\nfile = "x\\u0000"', "sink.0.file"),
+        ('[camera]\ntrajectory = "x\\u0000"', "camera.trajectory"),
+    ):
+        file.write_text(text)
+        assert main.main(["emulate", str(file)]) == 2
+        assert capsys.readouterr().err.startswith(f"evs: {file}: at {key}: ")
+
+
+def test_python_m_evs_is_evs() -> None:
+    ended = subprocess.run(
+        [sys.executable, "-W", "error", "-m", "evs", "--version"], capture_output=True, timeout=60
+    )
+    assert ended.stdout.startswith(b"evs ")
+
+
+# Python itself has no handler before its site is loaded, and what comes after is tried elsewhere
+CTRL_C = """
+import importlib.abc, os, signal, sys
+class Interrupting(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name == sys.argv[1]:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupting())
+from evs.__main__ import main
+sys.exit(main(["plan", "evs:config/scenes/pendulum.xml"]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("module", "code"),
+    [
+        ("evs.launch.main", -signal.SIGINT),
+        ("argparse", -signal.SIGINT),
+        ("evs.emulator.base.memory_limits", -signal.SIGINT),
+        ("evs.launch.commands.plan", 130),
+        ("mujoco", 130),
+    ],
+)
+def test_ctrl_c_while_modules_load_leaves_no_traceback(module: str, code: int) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", CTRL_C, module], capture_output=True, text=True, timeout=60
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (code, "", "")
