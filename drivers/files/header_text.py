@@ -1,4 +1,4 @@
-"""Header lines of text: the StreamInfo as one line of JSON, and sensor sizes by chip name."""
+"""Header lines of text: the StreamInfo as one line of JSON, and the name of the chip."""
 
 from __future__ import annotations
 
@@ -9,23 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from evs.drivers.files.capabilities import MAX_SIDE_PX
+from evs.drivers.files.chips import chip_named
 from evs.drivers.files.formats import AnyPath
 from evs.drivers.files.paths import existing
 from evs.msgs import EvsError, StreamInfo
 
 MAX_HEADER_BYTES = 1 << 22
 """A longer header is corrupt; ours contains the configuration of the run."""
-
-CHIPS = {
-    "DAVIS346": (346, 260),
-    "DAVIS240": (240, 180),
-    "DAVIS640": (640, 480),
-    "DAVIS208": (208, 192),
-    "DAVIS128": (128, 128),
-    "DVS128": (128, 128),
-    "DVXPLORER": (640, 480),
-}
-"""chip name in headers, upper case -> width, height, px"""
 
 
 def stream_from_json(stated: Any, default: StreamInfo) -> StreamInfo:
@@ -141,7 +131,5 @@ def stream_from_header(
     if stream is not plain and stream.width:
         frames, imu = frames and stream.frames, imu and stream.imu
         return dataclasses.replace(stream, frames=frames, imu=imu, triggers=False)
-    for name, (width, height) in CHIPS.items():
-        if name in chip.upper():
-            return StreamInfo(width, height, sensor=name.lower())
-    return plain
+    known = chip_named(chip)
+    return StreamInfo(known.width, known.height, sensor=known.name) if known else plain

@@ -1,4 +1,4 @@
-"""AEDAT2, jAER's files of a DAVIS (and, reading, a DVS128): recorder and reader."""
+"""AEDAT2, jAER's files: recorder (as a DAVIS) and reader (of every chip in `chips.CHIPS`)."""
 
 from evs.drivers.files.aedat2.reader import Aedat2File
 from evs.drivers.files.aedat2.recorder import Aedat2Recorder

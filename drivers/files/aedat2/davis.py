@@ -16,7 +16,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from evs.drivers.files.aedat2.layout import Bits, place
+from evs.drivers.files.aedat2.layout import place
+from evs.drivers.files.chips import Bits
 from evs.msgs import DEGREE, STANDARD_GRAVITY, Frame, ImuSamples, empty_imu
 
 G_PER_STEP = 1 / 8192

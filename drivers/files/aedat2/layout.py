@@ -1,21 +1,18 @@
 """AEDAT2's bytes: header lines, then 8 bytes a word: big-endian u32 address, i32 time stamp (us).
 
-AEDAT1 has u16 addresses, those of a DVS128.
+AEDAT1 has u16 addresses, those of a DVS128. What the bits of an address mean depends on the chip:
+`chips.CHIPS` has the layouts of events. A DAVIS's other words have bit 31 set; bits 11-10 say 0: a
+pixel's reset read, 1: its signal read (30-22 y, 21-12 x from the left, 9-0 the ADC's value), 3: a
+value of the IMU (30-28 which, 27-12 the value).
 
-Addresses count from the lower left, and x of events from the right:
-
-    DAVIS    bit 31 clear: an event: 30-22 y, 21-12 x, 11 polarity, 10 external input
-             bit 31 set: bits 11-10 say 0: a pixel's reset read, 1: its signal read (30-22 y, 21-12
-             x from the left, 9-0 what the ADC said); 3: a value of the IMU (30-28 which, 27-12 it)
-    DVS128   bit 15 sync, 14-8 y, 7-1 x, 0 polarity (0 is ON)
-
-Source: iniVation's description of the format, and jAER's DAVIS classes.
+Source: iniVation's description of the format, and jAER's chip classes.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
+
+from evs.drivers.files.chips import Bits
 
 MAGIC, MAGIC_1 = b"#!AER-DAT2", b"#!AER-DAT1"
 END = "#End Of ASCII Header"
@@ -29,10 +26,7 @@ WORD = np.dtype([("address", ">u4"), ("stamp", ">i4")])
 WORD_1 = np.dtype([("address", ">u2"), ("stamp", ">i4")])
 """AEDAT1's"""
 
-APS, IMU, EXTERNAL = 0x80000000, 0xC00, 0x400
-
-Bits = npt.NDArray[np.int64]
-"""(n,) addresses, or parts of them"""
+APS = 0x80000000
 
 
 def place(address: Bits) -> tuple[Bits, Bits]:

@@ -1,4 +1,4 @@
-"""Aedat2File: any AEDAT2 or AEDAT1 file as events, and a DAVIS's frames and IMU samples."""
+"""Aedat2File: AEDAT2 and AEDAT1 files as events, and a DAVIS's frames and IMU samples."""
 
 from __future__ import annotations
 
@@ -10,22 +10,19 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.drivers.files.aedat2.davis import FrameAssembler, ImuAssembler
+from evs.drivers.files.aedat2.evidence import found_chip
 from evs.drivers.files.aedat2.layout import (
-    APS,
     CHIP,
     EVS_LINE,
-    EXTERNAL,
-    IMU,
     MAGIC,
     MAGIC_1,
     MAX_HEIGHT,
     MAX_WIDTH,
     WORD,
     WORD_1,
-    Bits,
     header_lines,
-    place,
 )
+from evs.drivers.files.chips import APS, CHIP_NAMES, CHIPS, IMU, Bits, Chip, chip_named
 from evs.drivers.files.formats import AnyPath
 from evs.drivers.files.header_text import own_line_and_chip, read_file_head, stream_from_header
 from evs.drivers.files.integrity import IntegrityReport
@@ -40,22 +37,31 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass
 class Aedat2File(MultiStreamFile):
-    """An AEDAT2 file, of evs or jAER, or an AEDAT1 file of a DVS128."""
+    """An AEDAT2 file, of evs, jAER or v2e, or an AEDAT1 file of a DVS128."""
 
     words_at: int = 0
     """where the words begin, bytes"""
     base_us: int = 0
     """time of its time stamp 0, us"""
-    is_davis: bool = True
-    """whether it is a DAVIS; if not, a DVS128"""
+    chip: Chip = CHIPS[0]
+    """whose layout its addresses have"""
     word: np.dtype[np.void] = WORD
     """of an event"""
     part: int | None = None
     """number of this file in a recording of several, from 0; None: not stated"""
 
     @classmethod
-    def at(cls, path: AnyPath) -> Aedat2File:
-        """Open a file and read its header. EvsError: no such file, of another version."""
+    def at(cls, path: AnyPath, chip: str = "") -> Aedat2File:
+        """Open a file and read its header.
+
+        Args:
+            path: The file.
+            chip: The chip's name, in place of what the header states or the addresses tell.
+
+        Raises:
+            EvsError: There is no such file, it is of another version, or it cannot be known of
+                which chip it is.
+        """
         found, data = read_file_head(path)
         if not data.startswith((MAGIC, MAGIC_1)):
             raise EvsError(
@@ -67,25 +73,52 @@ class Aedat2File(MultiStreamFile):
         lines, words_at = header_lines(data)
         if not lines:
             raise EvsError(f"{found} is not a readable AEDAT file: its first line is damaged")
-        stated, chip = own_line_and_chip(lines, EVS_LINE, CHIP)
+        stated, chip_line = own_line_and_chip(lines, EVS_LINE, CHIP)
         base, part = (stated or {}).get("time_base_us", 0), (stated or {}).get("part")
         opened = cls(
             path=found,
-            stream=stream_from_header(stated, chip),
+            stream=stream_from_header(stated, ""),
             size=found.stat().st_size,
             words_at=words_at,
             base_us=base if isinstance(base, int) and 0 <= base < 1 << 61 else 0,
             part=part - 1 if isinstance(part, int) and part > 0 else None,
-            is_davis=not is_first and (stated is not None or "DVS128" not in chip.upper()),
             word=WORD_1 if is_first else WORD,
         )
-        if is_first and not opened.stream.width:
-            opened.stream = replace(opened.stream, width=128, height=128, sensor="dvs128")
         stream = opened.stream
-        fits = 0 < stream.width <= MAX_WIDTH and 0 < stream.height <= MAX_HEIGHT
-        if not fits or (opened.is_davis and stated is None):
-            opened._probe(sized=fits)
+        if not (0 < stream.width <= MAX_WIDTH and 0 < stream.height <= MAX_HEIGHT):
+            stated = None
+        if stated is None:
+            opened._find_chip(chip, chip_line, lines)
+        elif chip:
+            raise EvsError(f"{found} states its layout, since evs recorded it: leave --chip out")
         return opened
+
+    def _find_chip(self, given: str, line: str, lines: list[str]) -> None:
+        """Find the chip of another program's file, and whether it has frames and IMU samples."""
+        first = self.word is WORD_1
+        known = chip_named(given) if given else chip_named(line)
+        if known is None and (given or line):
+            name = given or line.rpartition(".")[2]
+            raise EvsError(
+                f"{self.path}: the addresses of the chip '{name[:40]}' are not known"
+                f"{'' if given else '; give one of the same layout with --chip'}; there are "
+                f"{', '.join(CHIP_NAMES)}"
+            )
+        if known is None and first:
+            known = chip_named("dvs128")
+        if known is None:
+            with self.path.open("rb") as file:
+                words = (words["address"].astype(np.int64) for _, words in self._words(file))
+                known, self.read_as = found_chip(self.path, lines, words)
+        elif given:
+            self.read_as = f"{known.name}, as stated by the reader"
+        assert known is not None
+        self.chip = known
+        self.stream = replace(
+            self.stream, width=known.width, height=known.height, sensor=known.name
+        )
+        if known.is_davis and not first:
+            self._find_auxiliary()
 
     def _iterate(self, events: bool, auxiliary: bool) -> Iterator[Events | Frame | ImuSamples]:
         """The requested messages; external inputs and torn frames are counted in `left_out`."""
@@ -98,23 +131,25 @@ class Aedat2File(MultiStreamFile):
         with self.path.open("rb") as file:
             for at, words in self._words(file):
                 address = words["address"].astype(np.int64)
-                kinds = self._kinds(address)
-                is_event = ~np.logical_or.reduce(list(kinds.values()))
-                x, y, p = self._fields(address)
-                off = is_event & ((x < 0) | (y < 0))
+                kinds = self.chip.kinds(address)
+                is_event = np.ones(len(words), np.bool_)
+                for which in kinds.values():
+                    is_event &= ~which
+                x, y, p = self.chip.fields(address, self.stream.width, self.stream.height)
+                off = is_event & (x < 0)
                 bad.check(off, address, at, integrity)
                 # the clock of damaged words is not to be trusted, that of APS and IMU is
                 t = np.zeros(len(words), np.int64)
                 t[~off] = unwrap(words["stamp"][~off].astype(np.int64))
-                if auxiliary:
-                    which = kinds["IMU words"]
+                if auxiliary and self.chip.is_davis:
+                    which = kinds[IMU]
                     for part in by_tick(imu.feed(address[which], t[which]), self.stream):
                         yield from interleaver.add(int(part["t"][-1]), part)
-                    which = kinds["APS words"]
+                    which = kinds[APS]
                     for frame in aps.feed(address[which], t[which]):
                         yield from interleaver.add(frame.end_us, frame)
                 for name, which in kinds.items():
-                    if not (auxiliary and name in ("APS words", "IMU words")):
+                    if not (auxiliary and self.chip.is_davis and name in (APS, IMU)):
                         _count(left_out, name, int(np.count_nonzero(which)))
                 if events:
                     kept = np.flatnonzero(is_event & ~off)
@@ -143,59 +178,17 @@ class Aedat2File(MultiStreamFile):
             yield at, words
             at += len(chunk)
 
-    def _kinds(self, address: Bits) -> dict[str, Mask]:
-        """Kind of words other than events -> (n,) which words are of it."""
-        if not self.is_davis:
-            none = np.zeros(len(address), np.bool_)
-            return {
-                "sync words": (address & ~0x7FFF) != 0,
-                "APS words": none,
-                "IMU words": none,
-            }
-        high = (address & APS) != 0
-        imu = high & ((address & IMU) == IMU)
-        return {
-            "APS words": high & ~imu,
-            "IMU words": imu,
-            "external input events": ~high & ((address & EXTERNAL) != 0),
-        }
-
-    def _fields(self, address: Bits) -> tuple[Bits, Bits, Bits]:
-        """x, y (negative: outside the sensor), p of each address."""
-        if self.is_davis:
-            (x, y), p = place(address), address >> 11 & 1
-        else:
-            x, y, p = address >> 1 & 0x7F, address >> 8 & 0x7F, 1 - (address & 1)
-        return self.stream.width - 1 - x, self.stream.height - 1 - y, p
-
-    def _probe(self, sized: bool) -> None:
-        """Find out whether there are frames and IMU samples, and the sensor's size.
-
-        Args:
-            sized: Whether the size is known; if not, the smallest DAVIS that has all addresses.
-        """
-        x_most = y_most = 0
-        has = {"frames": False, "imu": False}
+    def _find_auxiliary(self) -> None:
+        """Find out whether a DAVIS's file has frames and IMU samples."""
+        frames = imu = False
         with self.path.open("rb") as file:
             for _, words in self._words(file):
-                address = words["address"].astype(np.int64)
-                kinds = self._kinds(address)
-                has["frames"] |= bool(kinds["APS words"].any())
-                has["imu"] |= bool(kinds["IMU words"].any())
-                if sized and all(has.values()):
+                kinds = self.chip.kinds(words["address"].astype(np.int64))
+                frames |= bool(kinds[APS].any())
+                imu |= bool(kinds[IMU].any())
+                if frames and imu:
                     break
-                if not sized:
-                    others = [which for name, which in kinds.items() if name != "APS words"]
-                    x, y = place(address[~np.logical_or.reduce(others)])
-                    x_most = max(x_most, int(x.max(initial=0)))
-                    y_most = max(y_most, int(y.max(initial=0)))
-        sides = MAX_WIDTH, MAX_HEIGHT
-        for width, height in ((640, 480), (346, 260), (240, 180)):
-            if x_most < width and y_most < height:
-                sides = width, height
-        if not sized:
-            self.stream = replace(self.stream, width=sides[0], height=sides[1])
-        self.stream = replace(self.stream, frames=has["frames"], imu=has["imu"])
+        self.stream = replace(self.stream, frames=frames, imu=imu)
 
 
 class _BadWordTracker:

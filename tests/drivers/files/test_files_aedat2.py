@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import struct
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from evs.drivers import files
-from evs.drivers.files.aedat2 import Aedat2File
 from evs.drivers.files.integrity import BackwardsWarning, DamagedPacketWarning, TornTailWarning
 from evs.launch.main import main
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
@@ -207,22 +208,110 @@ def test_a_first_event_that_looks_like_a_comment_is_an_event(tmp_path: Path) -> 
     assert files.read(other)["y"].tolist() == events["y"].tolist()
 
 
-def test_a_dvs128_is_read_too(tmp_path: Path) -> None:
+Encode = Callable[[int, int, int], int]
+
+JAER, INI = "ch.unizh.ini.jaer.chip.retina", "eu.seebetter.ini.chips.davis"
+CHIPS: dict[str, tuple[str, int, int, Encode]] = {
+    "davis346": (f"{INI}.Davis346blue", 346, 260, lambda x, y, p: y << 22 | x << 12 | p << 11),
+    "davis240": (f"{INI}.DVS240", 240, 180, lambda x, y, p: y << 22 | x << 12 | p << 11),
+    "davis208pp": (f"{INI}.Davis208PixelParade", 208, 192,
+                   lambda x, y, p: y << 22 | x << 12 | (1 - p) << 11),
+    "dvs128": (f"{JAER}.DVS128", 128, 128, lambda x, y, p: y << 8 | x << 1 | 1 - p),
+    "tmpdiff128": (f"{JAER}.Tmpdiff128", 128, 128, lambda x, y, p: y << 8 | x << 1 | 1 - p),
+    "dvs640": (f"{JAER}.DVS640", 640, 480, lambda x, y, p: y << 11 | x << 1 | p),
+    "dvs1280": (f"{JAER}.DVS1280x720SD", 1280, 720, lambda x, y, p: y << 12 | x << 1 | p),
+    # these three count from the upper left
+    "dvxplorer": (f"{JAER}.DVXplorer", 640, 480,
+                  lambda x, y, p: (479 - y) << 22 | (639 - x) << 12 | p << 11),
+    "s5krc1s": ("nrv.chip.NRVS5KRC1S", 960, 720,
+                lambda x, y, p: p << 20 | (719 - y) << 10 | (959 - x)),
+    "imx636": ("prophesee.chip.PropheseeIMX636HD", 1280, 720,
+               lambda x, y, p: p << 22 | (719 - y) << 11 | (1279 - x)),
+}  # fmt: skip
+"""chip -> jAER's class, size, address of a pixel counted from the lower right"""
+
+
+def events_of(name: str) -> tuple[Events, bytes]:
+    """Events that reach every edge of a chip, and their words."""
+    _, width, height, encode = CHIPS[name]
+    rng = np.random.default_rng(3)
+    x, y = rng.integers(0, width, 500), rng.integers(0, height, 500)
+    x[:4], y[:4] = (0, width - 1, 0, width - 1), (0, 0, height - 1, height - 1)
+    events = make_events(range(500), x, y, rng.integers(0, 2, 500))
+    words = (word(encode(width - 1 - x, height - 1 - y, p), t) for t, x, y, p in events.tolist())
+    return events, b"".join(words)
+
+
+@pytest.mark.parametrize("name", CHIPS)
+def test_each_chip_of_jaer_has_a_layout_of_its_own(
+    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    title, width, height, _ = CHIPS[name]
+    events, words = events_of(name)
+    stated = written(
+        tmp_path / "a.aedat", words, header=f"#!AER-DAT2.0\r\n# AEChip: {title}\r\n".encode()
+    )
+    found = files.read(stated)
+    assert found.tobytes() == events.tobytes()
+    assert (found.stream.width, found.stream.height) == (width, height)
+    assert not files.summary(stated).read_as
+    # the same without that line, by what the caller knows
+    bare = written(tmp_path / "b.aedat", words, header=b"#!AER-DAT2.0\r\n")
+    assert files.read(bare, chip=name).tobytes() == events.tobytes()
+    assert main(["info", str(bare), "--chip", name, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["stream"]["width"] == width
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "header", "chip"),
+    [
+        ("dvs128", "a.aedat", b"", "dvs128"),
+        ("davis240", "a.aedat", b"", "davis240"),
+        ("davis346", "a.aedat", b"", "davis346"),
+        # jAER's names of files begin with the chip
+        ("dvs1280", "DVS1280x720SD-2024-05-01T10-00-00.aedat", b"", "dvs1280"),
+        ("tmpdiff128", "Tmpdiff128-2006-02-14T07-53-37-0800-0 walking.dat", b"", "dvs128"),
+        ("dvs640", "a.aedat", b"# created by AEDat2Output in v2e (see ...)\r\n", "dvs640"),
+        ("davis346", "a.aedat", b"# created by AEDat2Output in v2e (see ...)\r\n", "davis346"),
+        # nothing decides
+        ("dvs640", "a.aedat", b"", ""),
+        ("dvxplorer", "a.aedat", b"", ""),
+        ("dvxplorer", "a.aedat", b"# AEChip: ch.unizh.ini.jaer.chip.cochlea.CochleaAMS1c\r\n", ""),
+        ("dvs128", "a.aedat", b"# AEChip: ch.unizh.jaer.stereopsis.DVS128StereoPair\r\n", ""),
+    ],
+)
+def test_the_chip_is_found_by_evidence_or_the_file_is_refused(
+    tmp_path: Path, name: str, file: str, header: bytes, chip: str
+) -> None:
+    events, words = events_of(name)
+    path = written(tmp_path / file, words, header=b"#!AER-DAT2.0\r\n" + header)
+    if not chip:
+        with pytest.raises(EvsError, match=r"--chip"):
+            files.read(path)
+        return
+    assert files.read(path).tobytes() == events.tobytes()
+    assert files.summary(path).read_as.startswith(f"{chip}, since ")
+
+
+def test_a_davis_with_events_in_a_corner_is_refused(tmp_path: Path) -> None:
+    for x, y in ((239, 90), (120, 179), (300, 200), (400, 300)):
+        path = written(tmp_path / "a.aedat", word(y << 22 | x << 12, 1), header=b"#!AER-DAT2.0\r\n")
+        with pytest.raises(EvsError, match="fit several: add --chip NAME, one of davis346"):
+            files.read(path)
+        assert len(files.read(path, chip="davis640")) == 1
+    record(path, make_events([1], [1], [1], [1]))
+    with pytest.raises(EvsError, match="evs recorded it: leave --chip out"):
+        files.read(path, chip="davis346")
+    with pytest.raises(EvsError, match="chip 'davis345' are not known; there are davis346"):
+        files.read(written(path, header=b"#!AER-DAT2.0\r\n"), chip="davis345")
+
+
+def test_words_of_the_external_input_are_counted(tmp_path: Path) -> None:
     header = b"#!AER-DAT2.0\r\n# AEChip: ch.unizh.ini.jaer.chip.retina.DVS128\r\n"
     words = [word(7 << 8 | 3 << 1, 5), word(127 << 8 | 127 << 1 | 1, 6), word(0x8000, 7)]
     path = written(tmp_path / "a.aedat", *words, header=header)
-    events = files.read(path)
-    assert events.tolist() == [(5, 124, 120, 1), (6, 0, 0, 0)]
-    assert (events.stream.width, events.stream.height) == (128, 128)
+    assert files.read(path).tolist() == [(5, 124, 120, 1), (6, 0, 0, 0)]
     assert files.summary(path).left_out == {"sync words": 1}
-
-
-def test_the_size_is_that_of_the_smallest_davis_that_fits(tmp_path: Path) -> None:
-    header = b"#!AER-DAT2.0\r\n"
-    for x, y, size in ((239, 179, (240, 180)), (240, 0, (346, 260)), (0, 260, (640, 480))):
-        path = written(tmp_path / "a.aedat", word(y << 22 | x << 12, 1), header=header)
-        assert Aedat2File.at(path).stream.width == size[0]
-        assert files.read(path)[["x", "y"]].tolist() == [(size[0] - 1 - x, size[1] - 1 - y)]
 
 
 def test_only_the_chips_own_line_names_the_camera(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from reference.memory import PEAK
 
 pytestmark = pytest.mark.extremes
 
-AEDAT2 = b"#!AER-DAT2.0\r\n"
+AEDAT2 = b"#!AER-DAT2.0\r\n# AEChip: eu.seebetter.ini.chips.davis.DAVIS240C\r\n"
 AEDAT3 = b"#!AER-DAT3.1\r\n#Format: RAW\r\n#Source 1: DAVIS346\r\n#!END-HEADER\r\n"
 
 READ = f"""{PEAK}
