@@ -26,34 +26,39 @@ from evs.drivers.files.capabilities import MAX_SIDE_PX
 from evs.drivers.files.formats import SIZE_LINE, AnyPath
 from evs.drivers.files.header_text import json_object, stream_from_header, stream_from_json
 from evs.drivers.files.integrity import MAX_STAMP_US, IntegrityReport
+from evs.drivers.files.layouts import NAMES, SAMPLE, Table, decide, events_of, named_columns
 from evs.drivers.files.metadata_file import read_metadata, write_metadata
 from evs.drivers.files.paths import existing
 from evs.drivers.files.recording_file import EventOnlyFile
 from evs.drivers.files.time_order import EventSorter
-from evs.msgs import Events, EvsError, StreamInfo, make_events
+from evs.msgs import Events, EvsError, StreamInfo
 
 EVS_LINE = "# evs "
-
-NAMES = {
-    "t": ("t", "ts", "time", "timestamp", "t_us", "t_s"),
-    "x": ("x", "col", "x_px"),
-    "y": ("y", "row", "y_px"),
-    "p": ("p", "pol", "polarity", "on"),
-}
-"""field -> names of its column, ours first"""
 
 _CHUNK_BYTES = 1 << 20
 _HEAD_BYTES = 1 << 22
 _MAX_LINE_BYTES = 1 << 16
 _HEAD_LINES = 100
+_SAMPLE_BYTES = 1 << 20
 _MAX_COLUMNS = 100
 
 _NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_GEOMETRY = re.compile(rb"%\s*geometry\s*:?\s*(\d{1,5})\s*[,x]\s*(\d{1,5})$", re.IGNORECASE)
 _PLAIN = b"0123456789+-.eE,\n"
+_COMMENTS = (b"#", b"%")
+_QUOTES = b"\"'"
+_MARKS = ((b"\xef\xbb\xbf", 1, 0), (b"\xff\xfe", 2, 0), (b"\xfe\xff", 2, 1))
+"""byte-order mark, bytes of a character, which of them holds ASCII: UTF-8, UTF-16"""
+_OURS = Table((0, 1, 2, 3), "us", "")
 _BOOLEANS = {b"true": b"1", b"false": b"0"}
 
 Numbers = npt.NDArray[np.float64] | npt.NDArray[np.int64]
 Offsets = npt.NDArray[np.int64]
+
+
+def _plain(word: bytes) -> bytes:
+    """A word without blanks and quotes around it."""
+    return word.strip().strip(_QUOTES)
 
 
 class _TextRecorder(AppendingRecorder):
@@ -112,27 +117,37 @@ class E2vidRecorder(TxtRecorder):
 
 @dataclass
 class CsvFile(EventOnlyFile):
-    """A text file of events, of evs or of others, with four columns.
+    """A text file of events, of evs or of others, with four columns or more.
 
-    Columns go by their names, where a line names them, else they are t, x, y, p. They are parted by
-    commas, semicolons, tabs or blanks. Times with a decimal point are seconds, others us; polarity
-    is 1 for ON, 0 or -1 for OFF. Lines that begin with # are comments. A first line of two numbers
-    is the width and height of the sensor.
+    `layouts.py` decides what they hold. They are parted by commas, semicolons, tabs or blanks, and
+    may be quoted. Lines that begin with # or % are comments; OpenEB's `%geometry:W,H` and a first
+    line of two numbers are the width and height of the sensor. UTF-16 is read as its low bytes.
     """
 
     lines_at: int = 0
-    """where the events begin, bytes"""
-    column_index: tuple[int, ...] = (0, 1, 2, 3)
-    """indices of the columns of t, x, y, p"""
+    """where the events begin, bytes of the text"""
     columns: int = 4
     delimiter: bytes = b","
     """separator; empty: blanks and tabs"""
-    in_seconds: bool | None = None
-    """whether times are seconds; if not, us"""
+    table: Table = _OURS
+    text_at: int = 0
+    """where the text begins: bytes of its byte-order mark"""
+    char_bytes: int = 1
+    low_byte: int = 0
+    """of each character, the byte that counts"""
 
     @classmethod
-    def at(cls, path: AnyPath) -> CsvFile:
-        """Open a file and read its first lines. EvsError: no such file, not a text of numbers."""
+    def at(cls, path: AnyPath, columns: str = "", unit: str = "") -> CsvFile:
+        """Open a file and read its first lines.
+
+        Args:
+            path: The file.
+            columns: What its columns hold, as `layouts.named_columns` reads it.
+            unit: Of its times.
+
+        Raises:
+            EvsError: No such file, not a text of numbers, or it is not clear what they are.
+        """
         found = existing(path)
         try:
             with found.open("rb") as file:
@@ -142,7 +157,13 @@ class CsvFile(EventOnlyFile):
         opened = cls(
             path=found, stream=StreamInfo(0, 0, sensor="unknown"), size=found.stat().st_size
         )
-        opened._probe(data)
+        for mark, char_bytes, low_byte in _MARKS:
+            if data.startswith(mark):
+                opened.text_at, opened.char_bytes, opened.low_byte = len(mark), char_bytes, low_byte
+                data = data[len(mark) :][low_byte::char_bytes]
+                break
+        opened._probe(data, columns, unit)
+        opened.read_as = opened.table.read_as
         if not (opened.stream.width and opened.stream.height):
             width, height = opened._sensor_size()
             opened.stream = replace(opened.stream, width=width, height=height)
@@ -153,89 +174,109 @@ class CsvFile(EventOnlyFile):
         integrity = IntegrityReport(noun="lines")
         sorter, stream = EventSorter(integrity, self.stream), self.stream
         for values, offsets in self._chunks(integrity):
-            t, x, y, p = (values[:, place] for place in self.column_index)
-            stamps = np.rint(t * 1e6) if self.in_seconds else t
-            sound = (x >= 0) & (x < stream.width) & (y >= 0) & (y < stream.height)
-            sound &= (stamps >= -MAX_STAMP_US) & (stamps <= MAX_STAMP_US)
+            t, x, y, p = (values[:, place] for place in self.table.places)
+            # what lies outside of the sensor is no event either
+            x = np.where(x < stream.width, x, -1)
+            y = np.where(y < stream.height, y, -1)
+            events, sound = events_of(t, x, y, p, self.table.unit)
             if not sound.all():
                 first = int((~sound).argmax())
-                stated = f"an event at ({x[first]:g}, {y[first]:g}), {t[first]:g}, is outside the "
-                stated += f"sensor of {stream.width} x {stream.height} px or its time"
+                row = ", ".join(f"{values[first, place]:g}" for place in self.table.places)
+                stated = f"an event at t, x, y, p = {row} is outside the sensor of "
+                stated += f"{stream.width} x {stream.height} px, or its time or polarity cannot be"
                 integrity.corrupt(int(offsets[first]), stated, int(np.count_nonzero(~sound)))
-            stamps, x, y, on = stamps[sound], x[sound], y[sound], p[sound] > 0
-            events = make_events(stamps.astype(np.int64), x, y, on)
-            offsets = offsets[sound]
-            yield from sorter.feed(events, offsets)
+            yield from sorter.feed(events, offsets[sound])
         yield from sorter.flush()
         self.integrity = integrity
 
-    def _probe(self, data: bytes) -> None:
-        """Read comments, column names and the form of the first event."""
+    def _probe(self, data: bytes, columns: str, unit: str) -> None:
+        """Read comments and the names of columns, and decide the columns by the first events."""
         stated = read_metadata(self.path)
-        at, begun = 0, bool(stated)
+        at, begun, names = 0, bool(stated), None
         for line in islice(BytesIO(data), _HEAD_LINES):
             text = line.strip()
             if text.startswith(EVS_LINE.encode()):
                 stated, begun = json_object(text[len(EVS_LINE) :].decode(errors="replace")), True
+            elif size := _GEOMETRY.match(text):
+                self._state_size(int(size[1]), int(size[2]))
             elif not self.stream.width and (size := SIZE_LINE.fullmatch(line)):
                 self._state_size(int(size[1]), int(size[2]))
                 begun = True
-            elif text and not text.startswith(b"#"):
+            elif text and text[:1] not in _COMMENTS:
                 if len(text) > _MAX_LINE_BYTES:
                     raise EvsError(
                         f"{self.path} is not a recording: a line has {len(text)} bytes or more; "
                         "it needs four columns, t, x, y, p"
                     )
                 self.delimiter = next((one for one in (b",", b";") if one in text), b"")
-                words = text.split(self.delimiter or None)
+                words = [_plain(word) for word in text.split(self.delimiter or None)]
                 self.columns = len(words)
                 if begun and self.columns < 4 and not line.endswith(b"\n"):
                     # the recorder was killed in its first event
-                    self.columns = max(4, 1 + max(self.column_index))
+                    self.columns = max(4, len(names or ()))
                     break
-                if _NUMBER.fullmatch(words[0].strip()):
-                    self._detect_units([word.strip() for word in words])
+                if _NUMBER.fullmatch(words[0]):
+                    self._decide(data[at:], words, names, columns, unit, bool(stated))
                     break
-                self._detect_columns([word.decode(errors="replace") for word in words])
+                names = [word.decode(errors="replace") for word in words]
+                names = self._read_names(names, columns)
                 begun = True
             at += len(line)
         self.lines_at = min(at, self.size)
         self.stream = stream_from_header(stated, "") if stated else self.stream
 
-    def _detect_units(self, words: list[bytes]) -> None:
-        """Find the unit of time from the first event."""
-        needed = max(4, 1 + max(self.column_index))
+    def _decide(
+        self,
+        data: bytes,
+        words: list[bytes],
+        names: list[str] | None,
+        columns: str,
+        unit: str,
+        is_ours: bool,
+    ) -> None:
+        """Decide the columns and their unit by the first lines.
+
+        Args:
+            data: The text from the first event on.
+            words: Of the first event.
+            names: Of the columns; None: they have none.
+            columns: The user's option.
+            unit: The user's.
+            is_ours: A recorder of evs wrote the file.
+        """
+        needed = len(names) if names else 4
         if not needed <= len(words) <= _MAX_COLUMNS:
             raise EvsError(
                 f"{self.path} is not a recording: a line has {len(words)} columns; "
                 f"it needs {needed}: t, x, y, p"
             )
-        t, x = (words[place].lower() for place in self.column_index[:2])
-        marked = b"." in t or b"e" in t
-        # numpy.savetxt writes every number with a point: then a whole one is of us
-        plain = (b"." in x or b"e" in x) and float(t).is_integer()
-        if self.in_seconds is None:
-            self.in_seconds = marked and not plain
+        if is_ours and not columns and not unit:
+            self.table = replace(_OURS, unit="s" if b"." in words[0] else "us")
+            return
+        part = data[:_SAMPLE_BYTES]
+        whole = part[: part.rfind(b"\n") + 1] or part
+        values, _ = self._parse_block(whole, 0, IntegrityReport())
+        sample = [values[:SAMPLE, k] for k in range(self.columns)]
+        found = named_columns(names, columns) if names else None
+        t, x = (words[k].lower() for k in (found[0] if found else (0, 1))[:2])
+        with_point = (b"." in t or b"e" in t) and not (b"." in x or b"e" in x)
+        self.table = decide(
+            self.path, sample, names, columns=columns, unit=unit, with_point=with_point
+        )
 
-    def _detect_columns(self, words: list[str]) -> None:
-        """Find the columns in the line that names them."""
-        # faery states the sensor's size too: x@346
-        parts = [word.strip(" \"'").lower().partition("@") for word in words]
-        lower = [name for name, _, _ in parts]
-        column_index = [
-            next((k for k, word in enumerate(lower) if word in known), -1)
-            for known in NAMES.values()
-        ]
-        if min(column_index) < 0:
+    def _read_names(self, words: list[str], columns: str) -> list[str]:
+        """The names of columns, and the sensor's size, which faery states too: x@346."""
+        parts = [word.partition("@") for word in words]
+        names = [name for name, _, _ in parts]
+        if named_columns(names, columns) is None:
             raise EvsError(
-                f"{self.path} is not a recording: its first line is {' '.join(words)[:60]!r}; "
-                "it needs columns t, x, y, p"
+                f"{self.path} is not a recording: its first line is {' '.join(words)[:60]!r}; it "
+                "needs columns t, x, y, p, or --columns t=NAME,x=NAME,y=NAME,p=NAME"
             )
-        self.column_index = tuple(column_index)
-        self.in_seconds = {"t_us": False, "t_s": True}.get(lower[column_index[0]])
-        width, height = (parts[column_index[axis]][2] for axis in (1, 2))
-        if width.isdecimal() and height.isdecimal() and len(width + height) < 12:
-            self._state_size(int(width), int(height))
+        sizes = {NAMES.get(name.lower()): size for name, _, size in parts if size.isdecimal()}
+        if {"x", "y"} <= set(sizes) and len(sizes["x"] + sizes["y"]) < 12:
+            self._state_size(int(sizes["x"]), int(sizes["y"]))
+        return names
 
     def _state_size(self, width: int, height: int) -> None:
         """Take the sensor's size from the file, where it is possible."""
@@ -246,25 +287,29 @@ class CsvFile(EventOnlyFile):
         """For each part of the file: (n, columns) numbers, (n,) byte offsets of their lines."""
         with self.path.open("rb") as file:
             at, rest = self.lines_at, b""
-            file.seek(at)
+            file.seek(self._offset(at))
             while True:
-                chunk = file.read(_CHUNK_BYTES)
+                chunk = file.read(_CHUNK_BYTES)[self.low_byte :: self.char_bytes]
                 data = rest + chunk
                 end = data.rfind(b"\n") + 1
                 if not chunk and data and not end:
                     # the last line has no end: whole, or torn
-                    if data[:1] != b"#" and self._parse_line(data) is None:
-                        integrity.torn_tail(at, at + len(data))
+                    if data[:1] not in _COMMENTS and self._parse_line(data) is None:
+                        integrity.torn_tail(self._offset(at), self._offset(at + len(data)))
                         return
                     end = len(data)
                 elif not end and len(data) > _MAX_LINE_BYTES:
                     end = len(data)
                 if end:
-                    self.position = at
+                    self.position = self._offset(at)
                     yield self._parse_block(data[:end], at, integrity)
                 at, rest = at + end, data[end:]
                 if not chunk and not rest:
                     return
+
+    def _offset(self, at: Any) -> Any:
+        """The place in the file of a place in the text, bytes."""
+        return self.text_at + self.char_bytes * at
 
     def _parse_block(
         self, text: bytes, at: int, integrity: IntegrityReport
@@ -272,17 +317,17 @@ class CsvFile(EventOnlyFile):
         """The numbers of whole lines, their byte offsets; other lines are reported as damaged."""
         parting = self.delimiter or b" \t"
         table = bytes.maketrans(parting, b"," * len(parting))
-        plain = text.translate(table, b"\r " if self.delimiter else b"\r")
+        plain = text.translate(table, _QUOTES + (b"\r " if self.delimiter else b"\r"))
         plain = plain if plain.endswith(b"\n") else plain + b"\n"
         codes = np.frombuffer(plain, np.uint8)
         ends = np.flatnonzero(codes == 10)
         commas = np.diff(np.cumsum(codes == 44, dtype=np.int32)[ends], prepend=0)
         if (commas == self.columns - 1).all() and not plain.translate(None, _PLAIN):
-            values = _parse_numbers(plain, len(ends) * self.columns, bool(self.in_seconds))
+            values = _parse_numbers(plain, len(ends) * self.columns)
             if values is not None:
                 breaks = np.flatnonzero(np.frombuffer(text, np.uint8) == 10)[: len(ends) - 1]
                 offsets = at + np.concatenate([np.zeros(1, np.int64), breaks + 1])
-                return values.reshape(-1, self.columns), offsets
+                return values.reshape(-1, self.columns), self._offset(offsets)
         return self._parse_lines(text, at, integrity)
 
     def _parse_lines(
@@ -294,9 +339,9 @@ class CsvFile(EventOnlyFile):
             row = self._parse_line(line)
             if row is not None:
                 rows.append(row)
-                offsets.append(at)
-            elif line.strip() and line[:1] != b"#":
-                integrity.corrupt(at, f"{line[:40]!r} is not {self.columns} numbers")
+                offsets.append(self._offset(at))
+            elif line.strip() and line[:1] not in _COMMENTS:
+                integrity.corrupt(self._offset(at), f"{line[:40]!r} is not {self.columns} numbers")
             at += len(line) + 1
         return np.array(rows).reshape(-1, self.columns), np.array(offsets, np.int64)
 
@@ -307,7 +352,8 @@ class CsvFile(EventOnlyFile):
         words = line.split(self.delimiter or None, self.columns)
         row: list[int | float] = []
         for word in words:
-            plain = _BOOLEANS.get(word.strip().lower(), word.strip())
+            plain = _plain(word)
+            plain = _BOOLEANS.get(plain.lower(), plain)
             if not _NUMBER.fullmatch(plain) or len(plain) > 32:
                 return None
             number = int(plain) if plain.lstrip(b"+-").isdigit() else float(plain)
@@ -319,15 +365,15 @@ class CsvFile(EventOnlyFile):
         most = [0, 0]
         for values, _ in self._chunks(IntegrityReport()):
             for axis in (0, 1):
-                column = values[:, self.column_index[1 + axis]]
+                column = values[:, self.table.places[1 + axis]]
                 fits = column[(column >= 0) & (column < MAX_SIDE_PX)]
                 most[axis] = max(most[axis], int(fits.max(initial=0)))
         return most[0] + 1, most[1] + 1
 
 
-def _parse_numbers(plain: bytes, count: int, as_float: bool) -> Numbers | None:
+def _parse_numbers(plain: bytes, count: int) -> Numbers | None:
     """The numbers between commas and line ends; None if there are not `count` of them."""
-    is_float = as_float or any(mark in plain for mark in (b".", b"e", b"E"))
+    is_float = any(mark in plain for mark in (b".", b"e", b"E"))
     flat = plain.replace(b"\n", b",").decode("ascii")
     try:
         with warnings.catch_warnings():

@@ -168,8 +168,16 @@ FORMATS: tuple[Format, ...] = (
         suffixes=(".npz",),
         title="NPZ: arrays t, x, y, p that numpy.load reads",
         reader="evs.drivers.files.npz.reader:NpzFile",
+        read_options=("columns", "unit"),
         recorder="evs.drivers.files.npz.recorder:NpzRecorder",
         capabilities=Capabilities(frames=True, imu=True, triggers=True, labels=True),
+    ),
+    Format(
+        name="npy",
+        suffixes=(".npy",),
+        title="NPY: one array of events, as columns or as a table",
+        reader="evs.drivers.files.npz.reader:NpzFile",
+        read_options=("columns", "unit"),
     ),
     Format(
         name="evt3",
@@ -216,6 +224,7 @@ FORMATS: tuple[Format, ...] = (
         shared_suffixes=(".hdf5",),
         title="HDF5: the layout of the DSEC data set",
         reader="evs.drivers.files.hdf5.reader:Hdf5File",
+        read_options=("columns", "unit", "stream"),
         repairer="evs.drivers.files.hdf5.reader:repair",
         recorder="evs.drivers.files.hdf5.recorder:Hdf5Recorder",
         extra="formats",
@@ -226,6 +235,7 @@ FORMATS: tuple[Format, ...] = (
         shared_suffixes=(".h5",),
         title="Metavision HDF5: Prophesee's, compressed with ECF",
         reader="evs.drivers.files.hdf5.reader:Hdf5File",
+        read_options=("columns", "unit", "stream"),
         repairer="evs.drivers.files.hdf5.reader:repair",
         recorder="evs.drivers.files.hdf5.recorder:MetavisionRecorder",
         capabilities=Capabilities(MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, 0),
@@ -286,6 +296,7 @@ FORMATS: tuple[Format, ...] = (
         reader="evs.drivers.files.csv:CsvFile",
         recorder="evs.drivers.files.csv:CsvRecorder",
         metadata_file=True,
+        read_options=("columns", "unit"),
     ),
     Format(
         name="txt",
@@ -295,6 +306,7 @@ FORMATS: tuple[Format, ...] = (
         recorder="evs.drivers.files.csv:TxtRecorder",
         capabilities=_TXT,
         metadata_file=True,
+        read_options=("columns", "unit"),
     ),
     Format(
         name="e2vid",
@@ -305,6 +317,7 @@ FORMATS: tuple[Format, ...] = (
         recorder="evs.drivers.files.csv:E2vidRecorder",
         capabilities=_TXT,
         metadata_file=True,
+        read_options=("columns", "unit"),
         matches=lambda head: SIZE_LINE.match(head) is not None,
     ),
     Format(

@@ -6,14 +6,16 @@ import dataclasses
 import json
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from evs.drivers.files.capabilities import MAX_SIDE_PX
 from evs.drivers.files.hdf5.library import (
     ECF_FILTER,
     MAX_PIECE_BYTES,
@@ -28,74 +30,142 @@ from evs.drivers.files.hdf5.recorder import CD_DTYPE, METAVISION, STREAM, WHOLE
 from evs.drivers.files.hdf5.superblock import BYTES, unmarked
 from evs.drivers.files.header_text import stream_from_json
 from evs.drivers.files.integrity import MAX_STAMP_US, IntegrityReport, Repair, on_sensor
+from evs.drivers.files.layouts import (
+    FIELDS,
+    LAYOUTS,
+    SAMPLE,
+    Table,
+    decide,
+    events_of,
+    named_columns,
+    states_too_much,
+)
 from evs.drivers.files.paths import existing, target_error
-from evs.drivers.files.recording_file import EventOnlyFile
+from evs.drivers.files.recording_file import EventOnlyFile, choose_stream, of_stream
 from evs.drivers.files.time_order import EventSorter
-from evs.msgs import Events, EvsError, StreamInfo, make_events
+from evs.msgs import Events, EvsError, StreamInfo
 from evs.msgs.codecs.ecf import decode_ecf
 
-LAYOUTS = {"DSEC": ("t", "x", "y", "p"), "rpg": ("ts", "xs", "ys", "ps")}
-"""layout -> names of the data sets of time, x, y, polarity in the group `events`"""
+PATHS = tuple(dict.fromkeys(one.path for one in LAYOUTS if one.path is not None))
+"""where events may lie: groups of columns, or data sets of rows"""
 
 _PIECE = 1 << 18
 _HEAD_BYTES = 1 << 20
+_MAX_COLUMNS = 16
 _GEOMETRY = re.compile(rb"(?=(.{8})(\d{1,5})x(\d{1,5}))", re.DOTALL)
 _MAX_RATIO = 1100
 """deflate expands at most 1032 times; a data set that states more is corrupt"""
+
+_LEFT, _RIGHT = "/left", "/right"
+"""in the paths of stereo cameras"""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the events of a file are."""
+
+    path: str
+    """of a group, or of a data set"""
+    columns: tuple[str, ...] = ()
+    """names of the group's data sets of t, x, y, p; none: the data set has all of them"""
+    fields: tuple[str, ...] = ()
+    """names of the data set's fields; none: it has columns without names"""
+    count: int = 0
+    """events that are whole"""
+    lacking: int = 0
+    """rows after them that some columns lack, as a kill may leave them"""
+    compression: str = "none"
 
 
 @dataclass
 class Hdf5File(EventOnlyFile):
     """An HDF5 file, opened with `Hdf5File.at(path)`; events are read piece by piece."""
 
-    columns: tuple[str, ...] = LAYOUTS["DSEC"]
-    """names of its data sets; none: Metavision's layout"""
-    events_there: int = 0
-    lacking: int = 0
-    """rows after them that some columns lack, as a kill may leave them"""
+    source: Source = field(default_factory=lambda: Source(METAVISION))
+    table: Table = field(default_factory=lambda: Table((0, 1, 2, 3), "us", ""))
     offset_us: int = 0
     external_triggers: int = 0
     """of Metavision's layout; not read"""
+    others: dict[str, int] = field(default_factory=dict)
+    """events of other streams: what they are -> how many"""
 
     @classmethod
-    def at(cls, path: str | os.PathLike[str]) -> Hdf5File:
-        """Open a file and check its data sets. EvsError: no such file, no h5py, not a recording."""
+    def at(
+        cls,
+        path: str | os.PathLike[str],
+        columns: str = "",
+        unit: str = "",
+        stream: str | int | None = None,
+    ) -> Hdf5File:
+        """Open a file and check its data sets.
+
+        Args:
+            path: The file.
+            columns: What its columns hold, as `layouts.named_columns` reads it.
+            unit: Of its times.
+            stream: Of two cameras, the one that is read.
+
+        Raises:
+            EvsError: No such file, no h5py, not a recording, or it is not clear what it holds.
+        """
         found = existing(path)
         load()
+        recording = cls(found, StreamInfo(0, 0), found.stat().st_size)
         try:
             with opened(found) as file:
-                columns, count, lacking, compression = _columns(file, found)
-                offset = value(file, "t_offset", found)
-                offset_us = 0 if offset is None else int(np.ravel(offset)[0])
-                stream, stated = _stream(file, found)
-                triggers = None if columns else own(file, "EXT_TRIGGER/events")
-                trigger_count = getattr(triggers, "size", None) or 0
+                stated = recording._probe(file, columns, unit, stream)
         except OutsideError as reason:
             raise EvsError(f"{found} is not a recording: {reason}") from None
+        except EvsError:
+            raise
         except Exception as reason:  # damaged bytes make h5py raise a dozen kinds
             text = (str(reason) or type(reason).__name__).splitlines()[0]
             raise EvsError(f"cannot read {found}: {text}") from None
-        recording = cls(
-            found,
-            stream,
-            found.stat().st_size,
-            compression,
-            columns=columns,
-            events_there=count,
-            lacking=lacking,
-            offset_us=offset_us if abs(offset_us) < MAX_STAMP_US else 0,
-            external_triggers=trigger_count,
-        )
         with found.open("rb") as begin:
             recording.unfinished = unmarked(begin.read(BYTES), recording.size) is not None
         if not stated:
             recording._find_size()
         return recording
 
+    def _probe(self, file: Any, columns: str, unit: str, stream: str | int | None) -> bool:
+        """Find the events and the stream; whether the file states the sensor's size."""
+        sources = _sources(file, columns)
+        names = {path: path.split("/")[1] for path in sources if len(sources) > 1}
+        self.streams = choose_stream(self.path, names, stream)
+        chosen = next(iter(self.streams), next(iter(sources)))
+        found = {path: sources[path](self.path) for path in {chosen: None, **self.streams}}
+        self.source = found.pop(chosen)
+        self.others = {
+            of_stream("events", path, names[path]): one.count for path, one in found.items()
+        }
+        self.compression = self.source.compression
+        offset = value(file, "t_offset", self.path)
+        offset_us = 0 if offset is None else int(np.ravel(offset)[0])
+        self.offset_us = offset_us if abs(offset_us) < MAX_STAMP_US else 0
+        self.stream, stated = _stream(file, self.path, chosen)
+        if self.source.path == METAVISION:
+            self.external_triggers = getattr(own(file, "EXT_TRIGGER/events"), "size", None) or 0
+        elif self.source.count and (STREAM not in file or columns or unit):
+            sample = self._rows(file, {}, slice(0, min(SAMPLE, self.source.count)))
+            names = self.source.columns or self.source.fields
+            layouts = [one for one in LAYOUTS if one.path == chosen and not one.named]
+            # data sets that the user named are in the order of t, x, y, p
+            chosen_by_user = bool(self.source.columns and columns)
+            self.table = decide(
+                self.path,
+                sample,
+                (FIELDS if chosen_by_user else names) or None,
+                columns="" if self.source.columns else columns,
+                unit=unit,
+                layout=layouts[0] if layouts and not names and not columns else None,
+            )
+            self.read_as = self.table.read_as
+        return stated
+
     @property
     def format_name(self) -> str:
         """Its format in the table: endings do not decide."""
-        return "hdf5" if self.columns else "metavision"
+        return "metavision" if self.source.path == METAVISION else "hdf5"
 
     def events(self) -> Iterator[Events]:
         """The events of each tick (1 ms where the file states none) that has any."""
@@ -104,12 +174,13 @@ class Hdf5File(EventOnlyFile):
         for at, piece in self._pieces(integrity):
             yield from sorter.feed(piece, at + np.arange(len(piece)))
         yield from sorter.flush()
-        if self.lacking:
-            where = f"from event {self.events_there} on"
-            integrity.corrupt_part(where, "not every column has them", self.lacking)
+        if self.source.lacking:
+            where = f"from event {self.source.count} on"
+            integrity.corrupt_part(where, "not every column has them", self.source.lacking)
         self.integrity = integrity
+        self.left_out = dict(self.others)
         if self.external_triggers:
-            self.left_out = {"external triggers": self.external_triggers}
+            self.left_out["external triggers"] = self.external_triggers
 
     def _find_size(self) -> None:
         """Set the sensor's size to what the events need."""
@@ -124,19 +195,22 @@ class Hdf5File(EventOnlyFile):
     ) -> Iterator[tuple[int, Events]]:
         """The index of each piece's first event, and its events."""
         width, height = self.stream.width, self.stream.height
+        count = self.source.count
         with opened(self.path) as file:
-            group = own(file, "events" if self.columns else METAVISION)
-            chunks = {} if self.columns else _encoded_chunks(group)
-            step = group.chunks[0] if chunks else _PIECE
-            for begin in range(0, self.events_there, step):
-                rows = slice(begin, min(begin + step, self.events_there))
+            chunks, step = {}, _PIECE
+            if not self.source.columns:
+                group = own(file, self.source.path)
+                chunks = _encoded_chunks(group)
+                step = group.chunks[0] if chunks else _PIECE
+            for begin in range(0, count, step):
+                rows = slice(begin, min(begin + step, count))
                 try:
-                    if self.columns:
-                        t, x, y, p = (own(group, name)[rows] for name in self.columns)
-                    else:
-                        found = _chunk(self.path, chunks, rows) if chunks else group[rows]
-                        t, x, y, p = (found[name] for name in "txyp")
-                    piece, bad = _piece(t, x, y, p, self.offset_us)
+                    columns = self._rows(file, chunks, rows)
+                    t, x, y, p = (columns[place] for place in self.table.places)
+                    piece, sound = events_of(t, x, y, p, self.table.unit)
+                    bad = len(sound) - int(np.count_nonzero(sound))
+                    if self.offset_us:
+                        piece["t"] += self.offset_us
                 except Exception as reason:  # as above
                     stated = str(reason).splitlines()[0] if str(reason) else type(reason).__name__
                     integrity.corrupt_part(f"from event {begin} on", stated, rows.stop - begin)
@@ -146,60 +220,113 @@ class Hdf5File(EventOnlyFile):
                     bad += outside
                 if bad:
                     integrity.corrupt_part(
-                        f"from event {begin} on", "not on the sensor, or no time", bad
+                        f"from event {begin} on", "not on the sensor, or no time or polarity", bad
                     )
-                self.position = rows.stop * self.size // self.events_there
+                self.position = rows.stop * self.size // count
                 yield begin, piece
 
+    def _rows(self, file: Any, chunks: dict[int, Any], rows: slice) -> list[Any]:
+        """Some rows of all columns: (n,) values of each."""
+        source = self.source
+        group = own(file, source.path)
+        if source.columns:
+            return [own(group, name)[rows] for name in source.columns]
+        found = _chunk(self.path, chunks, rows) if chunks else group[rows]
+        if source.path == METAVISION:
+            return [found[name] for name in FIELDS]
+        return [found[name] for name in source.fields] if source.fields else list(found.T)
 
-def _columns(file: Any, raw: Path) -> tuple[tuple[str, ...], int, int, str]:
-    """Names of the data sets, number of events, rows after them, compression."""
-    one = own(file, METAVISION)
-    if one is not None:
-        return (), *_check_compound(file, one, raw)
-    group = own(file, "events")
-    for names in LAYOUTS.values():
-        if group is not None and hasattr(group, "keys") and set(names) <= set(group.keys()):
-            sets = [own(group, name) for name in names]
-            break
-    else:
-        known = " or ".join(", ".join(names) for names in LAYOUTS.values())
-        raise OutsideError(f"it needs a group 'events' with {known}, or {METAVISION}")
+
+def _sources(file: Any, columns: str) -> dict[str, Callable[[Path], Source]]:
+    """Where events are: path -> checks them and counts them; left and right, or one."""
+    if (one := own(file, METAVISION)) is not None:
+        return {METAVISION: partial(_check_compound, file, one)}
+    for path in PATHS:
+        sides = (path, path.replace(_LEFT, _RIGHT)) if _LEFT in path else (path,)
+        found: dict[str, Callable[[Path], Source]] = {}
+        for side in sides:
+            one = own(file, side)
+            if hasattr(one, "keys"):
+                names = [name for name in one if own(one, name) is not None]
+                places = named_columns(names, columns if "=" in columns else "")
+                if places is not None:
+                    chosen = tuple(names[place] for place in places[0])
+                    found[side] = partial(_check_columns, file, side, chosen)
+            elif getattr(one, "ndim", 0) in (1, 2) and (one.ndim == 2 or one.dtype.names):
+                found[side] = partial(_check_rows, file, side)
+        if found:
+            return found
+    known = ", ".join(path or "the root" for path in PATHS)
+    raise OutsideError(
+        f"it needs columns t, x, y, p in one of {known}, or {METAVISION}; "
+        "--columns t=NAME,x=NAME,y=NAME,p=NAME names others"
+    )
+
+
+def _check_columns(file: Any, path: str, names: tuple[str, ...], raw: Path) -> Source:
+    """The source of data sets in a group, each a column. OutsideError: they cannot be."""
+    group = own(file, path)
+    sets = [own(group, name) for name in names]
     for name, one in zip(names, sets, strict=True):
         if getattr(one, "ndim", -1) != 1 or one.dtype.kind not in "iufb":
-            raise OutsideError(f"events/{name} is no column of numbers")
+            raise OutsideError(f"{path}/{name} is no column of numbers")
         if len(one) != len(sets[0]) and WHOLE not in file:
             raise OutsideError(f"{', '.join(names)} are not of one length")
-        if one.nbytes > _MAX_RATIO * (one.id.get_storage_size() + 64):
-            raise OutsideError(f"events/{name} states {one.nbytes} bytes, which cannot be in it")
+    _check_sizes(path, sets)
     lengths = [len(one) for one in sets]
-    count = min(lengths)
+    count = _whole(file, raw, min(lengths))
+    compression = sets[0].compression or "none"
+    return Source(path, names, (), count, max(lengths) - count, compression)
+
+
+def _check_rows(file: Any, path: str, raw: Path) -> Source:  # noqa: ARG001 - as the others
+    """The source of a data set of rows with fields, or with columns without names."""
+    one = own(file, path)
+    kinds = [one.dtype[name].kind for name in one.dtype.names or ()] or [one.dtype.kind]
+    wide = one.ndim == 2 and not 4 <= one.shape[1] <= _MAX_COLUMNS
+    if wide or any(kind not in "iufb" for kind in kinds) or (one.ndim == 2 and one.dtype.names):
+        raise OutsideError(f"{path} is no table of numbers")
+    _check_sizes(path, [one])
+    names = tuple(one.dtype.names or ())
+    return Source(path, (), names, len(one), 0, one.compression or "none")
+
+
+def _check_sizes(path: str, sets: list[Any]) -> None:
+    """OutsideError where data sets state more than the file can hold."""
+    stored = [one.id.get_storage_size() for one in sets]
+    for one, size in zip(sets, stored, strict=True):
+        if one.nbytes > _MAX_RATIO * (size + 64):
+            raise OutsideError(f"{one.name} states {one.nbytes} bytes, which cannot be in it")
+    stated = sum(one.nbytes for one in sets)
+    if states_too_much(stated, sum(stored)):
+        raise OutsideError(f"{path} states {stated} bytes, which cannot be in it")
+
+
+def _whole(file: Any, raw: Path, count: int) -> int:
+    """How many of these rows are whole, as our recorders state it."""
     with suppress(Exception):
-        count = max(0, min(count, int(value(file, WHOLE, raw))))
-    return names, count, max(lengths) - count, sets[0].compression or "none"
+        return max(0, min(count, int(value(file, WHOLE, raw))))
+    return count
 
 
-def _check_compound(file: Any, one: Any, raw: Path) -> tuple[int, int, str]:
-    """The same of Metavision's data set: number of events, rows after them, compression."""
-    if getattr(one, "ndim", -1) != 1 or not set("txyp") <= set(one.dtype.names or ()):
+def _check_compound(file: Any, one: Any, raw: Path) -> Source:
+    """The source of Metavision's data set."""
+    if getattr(one, "ndim", -1) != 1 or not set(FIELDS) <= set(one.dtype.names or ()):
         raise OutsideError(f"{METAVISION} has no x, y, p, t")
-    if any(one.dtype[name].kind not in "iu" for name in "txyp"):
+    if any(one.dtype[name].kind not in "iu" for name in FIELDS):
         raise OutsideError(f"{METAVISION} has no numbers for x, y, p, t")
-    if one.nbytes > _MAX_RATIO * (one.id.get_storage_size() + 64):
-        raise OutsideError(f"{METAVISION} states {one.nbytes} bytes, which cannot be in it")
+    _check_sizes(METAVISION, [one])
     used = filters(one)
     if ECF_FILTER in used and (len(used) > 1 or one.dtype != CD_DTYPE):
         raise OutsideError(f"{METAVISION} has filters in addition to ECF, which are not read")
     if ECF_FILTER in used and -(-len(one) // one.chunks[0]) > one.id.get_storage_size() // 12:
         raise OutsideError(f"{METAVISION} states {len(one)} events, which cannot be in it")
-    count = len(one)
-    with suppress(Exception):
-        count = max(0, min(count, int(value(file, WHOLE, raw))))
+    count = _whole(file, raw, len(one))
     compression = "ecf" if ECF_FILTER in used else one.compression or "none"
-    return count, len(one) - count, compression
+    return Source(METAVISION, (), (), count, len(one) - count, compression)
 
 
-def _stream(file: Any, raw: Path) -> tuple[StreamInfo, bool]:
+def _stream(file: Any, raw: Path, path: str) -> tuple[StreamInfo, bool]:
     """The stream, and whether the file states the sensor's size."""
     stated, sides = None, None
     with suppress(Exception):
@@ -209,6 +336,12 @@ def _stream(file: Any, raw: Path) -> tuple[StreamInfo, bool]:
         sides = (width, height) if 0 < min(width, height) <= max(width, height) < 1 << 15 else None
     with suppress(Exception):
         sides = sides or _geometry(raw)
+    with suppress(Exception):
+        # M3ED's
+        resolution = own(file, f"{path}/calib/resolution")
+        if sides is None and resolution.shape == (2,) and resolution.dtype.kind in "iu":
+            width, height = (int(side) for side in resolution[:])
+            sides = (width, height) if 0 < min(width, height) < MAX_SIDE_PX else None
     plain = StreamInfo(*(sides or (0, 0)), sensor="unknown")
     stream = dataclasses.replace(
         stream_from_json(stated, plain), frames=False, imu=False, triggers=False
@@ -254,21 +387,6 @@ def _chunk(raw: Path, chunks: dict[int, Any], rows: slice) -> Any:
     if len(found) < rows.stop - rows.start:
         raise OutsideError(f"a chunk has {len(found)} events, not {rows.stop - rows.start}")
     return found[: rows.stop - rows.start]
-
-
-def _piece(t: Any, x: Any, y: Any, p: Any, offset_us: int) -> tuple[Events, int]:
-    """Some rows as events, and how many of the rows cannot be events."""
-    if t.dtype.kind == "f":
-        # seconds, as rpg's tools write them
-        stamps = np.rint(np.nan_to_num(t * 1e6, nan=2.0**63))
-    else:
-        stamps = t
-    right = (stamps >= -MAX_STAMP_US) & (stamps <= MAX_STAMP_US)
-    right &= (x >= 0) & (x < 1 << 15) & (y >= 0) & (y < 1 << 15)
-    bad = len(right) - int(np.count_nonzero(right))
-    if bad:
-        stamps, x, y, p = stamps[right], x[right], y[right], p[right]
-    return make_events(stamps.astype(np.int64) + offset_us, x, y, p > 0), bad
 
 
 def repair(path: Path) -> Repair:

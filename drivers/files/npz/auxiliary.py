@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.files.npz.columns import Archive
+from evs.drivers.files.npz.columns import Arrays
 from evs.drivers.files.recording_file import by_tick
 from evs.msgs import (
     LABEL_DTYPE,
@@ -107,7 +107,7 @@ def labels_of(names: Collection[str], get: Get, events: int) -> Labels | None:
     return labels
 
 
-def frames_in(archive: Archive, camera: str) -> Iterator[Frame]:
+def frames_in(archive: Arrays, camera: str) -> Iterator[Frame]:
     """The frames of an archive that has these arrays, one by one; none where one is missing.
 
     Raises ValueError where they do not belong together.

@@ -10,6 +10,8 @@ from typing import IO, Any, cast
 
 import numpy as np
 
+from evs.drivers.files.layouts import states_too_much
+
 Array = np.ndarray[Any, Any]
 
 MAX_RATIO = 1100
@@ -25,19 +27,35 @@ class NotARecordingError(Exception):
     """The archive is valid, but not a recording. Never reaches users."""
 
 
+class OtherKindError(NotARecordingError):
+    """An array has another dtype or number of axes."""
+
+
 class Archive(zipfile.ZipFile):
     """A ZIP archive of arrays; closing it closes its open arrays."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._columns: list[ArrayReader] = []
+        # frames may be black; their stamps are counted
+        members = [one for one in self.infolist() if one.filename != "frames.npy"]
+        stated = sum(one.file_size for one in members)
+        if states_too_much(stated, sum(one.compress_size for one in members)):
+            raise NotARecordingError(f"its arrays state {stated} bytes, which cannot be in it")
 
-    def column(self, name: str, kinds: str, axes: int) -> ArrayReader:
-        """Open an array at its first row. Errors as ArrayReader's."""
+    @property
+    def arrays(self) -> tuple[str, ...]:
+        """Names of the arrays."""
+        names = (one.partition(".npy") for one in self.namelist())
+        return tuple(name for name, ending, rest in names if ending and not rest)
+
+    def column(self, name: str, kinds: str, axes: int | None) -> ArrayReader:
+        """Open an array, of any number of axes if `axes` is None. Errors as ArrayReader's."""
         info = self._info(name)
         member = self.open(info)
         try:
-            made = ArrayReader(member, info, name, kinds, axes)
+            is_compressed = info.compress_type != zipfile.ZIP_STORED
+            made = ArrayReader(member, info.file_size, name, kinds, axes, is_compressed)
         except BaseException:
             member.close()
             raise
@@ -64,36 +82,101 @@ class Archive(zipfile.ZipFile):
         return info
 
 
+class SingleArray:
+    """An NPY file as an archive of one array, `events`."""
+
+    arrays = ("events",)
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._files: list[IO[bytes]] = []
+
+    def __enter__(self) -> SingleArray:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for file in self._files:
+            file.close()
+
+    def namelist(self) -> list[str]:
+        """As an archive's."""
+        return ["events.npy"]
+
+    def column(self, name: str, kinds: str, axes: int | None) -> ArrayReader:
+        """As an archive's."""
+        if name not in self.arrays:
+            raise NotARecordingError(f"it has no array '{name}'")
+        file = self._path.open("rb")
+        self._files.append(file)
+        return ArrayReader(file, self._path.stat().st_size, name, kinds, axes)
+
+
+Arrays = Archive | SingleArray
+
+
+def open_archive(path: Path) -> Arrays:
+    """Open an NPZ or an NPY file. Raises what zipfile raises, and NotARecordingError."""
+    with path.open("rb") as file:
+        is_array = file.read(6) == b"\x93NUMPY"
+    return SingleArray(path) if is_array else Archive(path)
+
+
 class ArrayReader:
     """Reads an array of an archive row by row, without allocating all of it.
+
+    An array that lies column by column (Fortran's order) is read as a whole.
 
     NotARecordingError where it is missing or of another kind. The archive's checksum is compared
     when the last row is read.
     """
 
     def __init__(
-        self, member: IO[bytes], info: zipfile.ZipInfo, name: str, kinds: str, axes: int
+        self,
+        member: IO[bytes],
+        size: int,
+        name: str,
+        kinds: str,
+        axes: int | None,
+        is_compressed: bool = False,
     ) -> None:
-        """Read the array's header; `kinds` and `axes` are the allowed dtype kinds and axes."""
-        self.is_compressed = info.compress_type != zipfile.ZIP_STORED
+        """Read the array's header.
+
+        Args:
+            member: The array's bytes.
+            size: How many there are.
+            name: Its name.
+            kinds: Allowed kinds of dtype.
+            axes: Allowed number of axes; None: any.
+            is_compressed: Whether the archive compresses it.
+        """
+        self.is_compressed = is_compressed
         self._member = member
         version = np.lib.format.read_magic(self._member)
         if version == (1, 0):
-            shape, _, dtype = np.lib.format.read_array_header_1_0(self._member)
+            shape, by_columns, dtype = np.lib.format.read_array_header_1_0(self._member)
         else:
-            shape, _, dtype = np.lib.format.read_array_header_2_0(self._member)
-        if dtype.kind not in kinds or len(shape) != axes:
-            raise NotARecordingError(f"array '{name}' is {dtype} of shape {shape}")
-        if math.prod(shape) * dtype.itemsize != info.file_size - self._member.tell():
+            shape, by_columns, dtype = np.lib.format.read_array_header_2_0(self._member)
+        if dtype.kind not in kinds or dtype.hasobject or axes not in (None, len(shape)):
+            raise OtherKindError(f"array '{name}' is {dtype} of shape {shape}")
+        if math.prod(shape) * dtype.itemsize != size - self._member.tell():
             raise NotARecordingError(f"array '{name}' is not of the size that it states")
         self.dtype, self.shape = dtype, shape
         self.left = shape[0] if shape else 1
         """rows not read yet"""
         self.row_bytes = dtype.itemsize * math.prod(shape[1:])
+        self._is_by_columns = by_columns and len(shape) > 1
+        self._whole: Array | None = None
 
     def read(self, rows: int) -> Array:
         """Read the next rows; fewer at the end."""
         count = min(rows, self.left)
+        if self._is_by_columns:
+            if self._whole is None:
+                flat = np.frombuffer(self._member.read(), self.dtype)
+                self._whole = flat.reshape(self.shape, order="F")
+            begin = len(self._whole) - self.left
+            self.left -= count
+            return self._whole[begin : begin + count]
         data = self._member.read(count * self.row_bytes)
         self.left -= count
         if not self.left and self._member.read(1):

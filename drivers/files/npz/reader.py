@@ -15,9 +15,15 @@ import numpy as np
 from evs.drivers.files.capabilities import MAX_SIDE_PX
 from evs.drivers.files.header_text import stream_from_json
 from evs.drivers.files.integrity import IntegrityReport, bad_values
+from evs.drivers.files.layouts import FIELDS, SAMPLE, Table, decide, events_of, named_columns
 from evs.drivers.files.npz.auxiliary import frames_in, imu_of, labels_of, merge_by_time, triggers_of
-from evs.drivers.files.npz.columns import Archive, NotARecordingError
-from evs.drivers.files.npz.recorder import COLUMNS, STREAM, NpzRecorder
+from evs.drivers.files.npz.columns import (
+    Arrays,
+    NotARecordingError,
+    OtherKindError,
+    open_archive,
+)
+from evs.drivers.files.npz.recorder import STREAM, NpzRecorder
 from evs.drivers.files.paths import existing
 from evs.drivers.files.time_order import EventSorter
 from evs.msgs import (
@@ -30,19 +36,20 @@ from evs.msgs import (
     Triggers,
     empty_imu,
     empty_triggers,
-    make_events,
 )
 
 __all__ = ["NpzFile", "NpzRecorder"]
 
-_PIECE_EVENTS = 1 << 16
+_PIECE_EVENTS = SAMPLE
+_MAX_COLUMNS = 16
 
 
 @dataclass
 class NpzFile:
-    """An NPZ recording of evs or of others, with integer arrays t, x, y, p of one length.
+    """An NPZ recording of evs or of others: arrays of t, x, y, p, or one array with all of them.
 
-    Events and frames are read piece by piece; the rest is in memory.
+    `layouts.py` decides which they are. Events and frames are read piece by piece; the rest is in
+    memory.
     """
 
     path: Path
@@ -66,19 +73,35 @@ class NpzFile:
     table_packets: int | None = None
     """an NPZ file has no data table"""
     broken_pointer: bool = False
+    read_as: str = ""
+    """what was decided on arrays that evs did not write"""
+    arrays: tuple[str, ...] = ()
+    """those of the events"""
+    table: Table = field(default_factory=lambda: Table((0, 1, 2, 3), "us", ""))
     integrity: IntegrityReport = field(default_factory=IntegrityReport)
     """only time stamps that run backwards: an archive with wrong checksums is not opened"""
 
     @classmethod
-    def at(cls, path: str | os.PathLike[str]) -> NpzFile:
-        """Open a file and check all of it. EvsError: no such file, damaged, not a recording."""
+    def at(cls, path: str | os.PathLike[str], columns: str = "", unit: str = "") -> NpzFile:
+        """Open a file and check all of it.
+
+        Args:
+            path: The file.
+            columns: What its columns hold, as `layouts.named_columns` reads it.
+            unit: Of its times.
+
+        Raises:
+            EvsError: No such file, damaged, not a recording, or it is not clear what it holds.
+        """
         found = existing(path)
         opened = cls(found, StreamInfo(0, 0), "none", found.stat().st_size)
         try:
-            with Archive(found) as archive:
-                opened._probe(archive)
+            with open_archive(found) as archive:
+                opened._probe(archive, columns, unit)
         except NotARecordingError as reason:
             raise EvsError(f"{found} is not a recording: {reason}") from None
+        except EvsError:
+            raise
         except Exception as reason:  # damaged bytes make zipfile and numpy raise a dozen kinds
             raise EvsError(f"cannot read {found}: {str(reason) or type(reason).__name__}") from None
         return opened
@@ -88,8 +111,8 @@ class NpzFile:
         integrity = IntegrityReport(place_unit="event")
         sorter = EventSorter(integrity, self.stream)
         at = 0
-        with Archive(self.path) as archive:
-            for events, _ in _pieces(archive):
+        with open_archive(self.path) as archive:
+            for events, _ in self._events_in(archive):
                 self.position = at * self.size // max(1, self.events_there)
                 yield from sorter.feed(events, np.arange(at, at + len(events)))
                 at += len(events)
@@ -110,17 +133,25 @@ class NpzFile:
 
     def _frames(self) -> Iterator[Frame]:
         if self.frames_there:
-            with Archive(self.path) as archive:
+            with open_archive(self.path) as archive:
                 yield from frames_in(archive, self.stream.camera)
 
-    def _probe(self, archive: Archive) -> None:
+    def _events_in(self, archive: Arrays) -> Iterator[tuple[Events, bool]]:
+        """For each piece: (n,) events as recorded, and whether every row is one."""
+        for columns in _pieces(archive, self.arrays):
+            t, x, y, p = (columns[place] for place in self.table.places)
+            events, sound = events_of(t, x, y, p, self.table.unit)
+            yield events, bool(sound.all())
+
+    def _probe(self, archive: Arrays, columns: str, unit: str) -> None:
         """Read the whole archive once, to check its checksums and values and find its streams."""
 
         def get(name: str, kinds: str, axes: int) -> np.ndarray[Any, Any]:
             return archive.column(name, kinds, axes).all()
 
-        names = [name.removesuffix(".npy") for name in archive.namelist()]
-        compressed = archive.column("t", "iub", 1).is_compressed
+        names = archive.arrays
+        self.arrays, fields = _place(archive, columns)
+        compressed = archive.column(self.arrays[0], "iufbV", None).is_compressed
         stated_json: Any = {}
         if STREAM in names:
             try:
@@ -128,15 +159,28 @@ class NpzFile:
             except (ValueError, RecursionError):
                 stated_json = {}
         stated = stream_from_json(stated_json, StreamInfo(0, 0, sensor="unknown"))
+        sample = next(_pieces(archive, self.arrays), None)
+        if sample is not None and not (stated.width and not columns and not unit):
+            self.table = decide(
+                self.path,
+                sample,
+                fields,
+                columns="" if len(self.arrays) > 1 else columns,
+                unit=unit,
+            )
+            self.read_as = self.table.read_as
         width = height = 0
         backwards, last_us = False, -(1 << 63)
-        for events, fits in _pieces(archive):
+        for events, fits in self._events_in(archive):
+            if not fits:
+                raise NotARecordingError(
+                    "a value is too large or too small for an event, or its polarity is unknown"
+                )
             stamps = events["t"]
             backwards |= bool((stamps[1:] < stamps[:-1]).any()) or int(stamps[0]) < last_us
             last_us = int(stamps[-1])
-            wrong = bad_values(events, stated)
-            if wrong or not fits:
-                raise NotARecordingError(wrong or "a value is too large for an event")
+            if wrong := bad_values(events, stated):
+                raise NotARecordingError(wrong)
             width = max(width, 1 + int(events["x"].max()))
             height = max(height, 1 + int(events["y"].max()))
             self.events_there += len(events)
@@ -157,13 +201,53 @@ class NpzFile:
         )
 
 
-def _pieces(archive: Archive) -> Iterator[tuple[Events, bool]]:
-    """For each piece: (n,) events as recorded, n > 0, and whether every value fits."""
-    columns = [archive.column(name, "iub", 1) for name in COLUMNS]
-    if len({column.shape for column in columns}) > 1:
-        raise NotARecordingError("t, x, y, p are not of one length")
-    while columns[0].left:
-        t, x, y, p = (column.read(_PIECE_EVENTS) for column in columns)
-        events = make_events(t, x, y, p > 0)
-        pairs = zip("txy", (t, x, y), strict=True)
-        yield events, all(np.array_equal(events[name], given) for name, given in pairs)
+def _place(archive: Arrays, columns: str) -> tuple[tuple[str, ...], list[str] | None]:
+    """Where the events are in an archive.
+
+    Returns:
+        Names of the arrays of t, x, y, p and those names again; or the name of one array, and the
+        names of its fields, or None where it is a table without names.
+    """
+    named = []
+    tables: dict[str, list[str] | None] = {}
+    for name in archive.arrays:
+        try:
+            found = archive.column(name, "iufbV", None)
+        except OtherKindError:
+            continue
+        if found.dtype.names and len(found.shape) == 1:
+            tables[name] = list(found.dtype.names)
+        elif len(found.shape) == 1 and found.dtype.kind != "V":
+            named.append(name)
+        elif len(found.shape) == 2 and 4 <= found.shape[1] <= _MAX_COLUMNS:
+            tables[name] = None
+    places = named_columns(named, columns)
+    by_order = bool(columns) and "=" not in columns
+    if places is not None and not (by_order and tables):
+        arrays = tuple(named[place] for place in places[0])
+        return arrays, list(FIELDS) if columns else list(arrays)
+    if len(tables) > 1:
+        tables = {name: fields for name, fields in tables.items() if name == "events"}
+    if len(tables) != 1:
+        there = ", ".join(archive.arrays)
+        raise NotARecordingError(
+            f"it needs arrays t, x, y, p, or --columns t=NAME,x=NAME,y=NAME,p=NAME; it has "
+            f"{there[:80] or 'none'}"
+        )
+    ((name, fields),) = tables.items()
+    return (name,), fields
+
+
+def _pieces(archive: Arrays, arrays: tuple[str, ...]) -> Iterator[list[np.ndarray[Any, Any]]]:
+    """For each piece, (n,) the values of each column, n > 0."""
+    readers = [archive.column(name, "iufbV", None) for name in arrays]
+    if len({reader.shape[0] for reader in readers}) > 1:
+        raise NotARecordingError(f"{', '.join(arrays)} are not of one length")
+    while readers[0].left:
+        parts = [reader.read(_PIECE_EVENTS) for reader in readers]
+        if len(parts) > 1:
+            yield parts
+        elif parts[0].dtype.names:
+            yield [parts[0][name] for name in parts[0].dtype.names]
+        else:
+            yield list(parts[0].T)

@@ -63,7 +63,7 @@ CASES = {
     # a clock that is set anew with every event
     "back.aedat3": (AEDAT3 + (packet(1) + packet(1, 1)) * 20_000, 40_000),
     "back.aedat": (AEDAT2 + struct.pack(">4i", 4096, 5_000_000, 4096, 0) * 40_000, 80_000),
-    "back.csv": (b"5000000,1,1,1\n1,1,1,1\n" * 20_000, 40_000),
+    "back.csv": (b"t,x,y,p\n" + b"5000000,1,1,1\n1,1,1,1\n" * 20_000, 40_000),
     # a picture that states more than anybody has
     "picture.aedat3": (
         AEDAT3.replace(b"RAW", b"Compressed") + packed_frame(16_000, 8_000) + packet(1),

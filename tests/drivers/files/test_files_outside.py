@@ -54,7 +54,9 @@ def recorded(path: Path) -> Path:
 def columns(file: h5py.File, without: str = "") -> None:
     for name, kind in {"t": "<i8", "x": "<u2", "y": "<u2", "p": "u1"}.items():
         if name != without:
-            file.create_dataset(f"events/{name}", data=np.arange(COUNT, dtype=kind))
+            file.create_dataset(
+                f"events/{name}", data=np.arange(COUNT, dtype=kind) % (2 if name == "p" else COUNT)
+            )
 
 
 def external(file: h5py.File, secret: Path) -> None:

@@ -247,7 +247,7 @@ def test_an_hdf5_file_that_states_more_than_it_holds_is_refused(tmp_path: Path) 
         files.read(path)
     with h5py.File(path, "w") as file:
         file["events/t"], file["events/x"] = [1, 2], [1, 2]
-    with pytest.raises(EvsError, match="it needs a group 'events' with t, x, y, p or ts"):
+    with pytest.raises(EvsError, match="it needs columns t, x, y, p in one of events"):
         files.read(path)
 
 
