@@ -147,17 +147,17 @@ class Hdf5File(EventOnlyFile):
             self.external_triggers = getattr(own(file, "EXT_TRIGGER/events"), "size", None) or 0
         elif self.source.count and (STREAM not in file or columns or unit):
             sample = self._rows(file, {}, slice(0, min(SAMPLE, self.source.count)))
-            names = self.source.columns or self.source.fields
+            own_names = self.source.columns or self.source.fields
             layouts = [one for one in LAYOUTS if one.path == chosen and not one.named]
             # data sets that the user named are in the order of t, x, y, p
             chosen_by_user = bool(self.source.columns and columns)
             self.table = decide(
                 self.path,
                 sample,
-                (FIELDS if chosen_by_user else names) or None,
+                (FIELDS if chosen_by_user else own_names) or None,
                 columns="" if self.source.columns else columns,
                 unit=unit,
-                layout=layouts[0] if layouts and not names and not columns else None,
+                layout=layouts[0] if layouts and not own_names and not columns else None,
             )
             self.read_as = self.table.read_as
         return stated
