@@ -27,13 +27,14 @@ PROTOCOL = 1
 MAX_REQUEST_BYTES = 4096
 """Longest request."""
 
+MAX_RECEIVED_BYTES = 16 * MAX_REQUEST_BYTES
+"""Longest message that is received, to be refused; a longer one ends its connection."""
+
 MAX_ANSWER_BYTES = 1024 * 1024
 """Longest answer."""
 
 _MOST_AT_ONCE = 8
 """Requests answered at one poll: the others wait, the camera does not."""
-_MOST_PARTS = 3
-"""identity, the empty part that REQ puts in and DEALER may leave out, request"""
 
 Answer = dict[str, Any]
 
@@ -60,21 +61,22 @@ class Control:
         for _ in range(_MOST_AT_ONCE):
             if not readable(self._server):
                 return
-            parts = receive_parts(self._server)
-            envelope, request = parts[:-1], parts[-1]
-            if not (1 <= len(envelope) < _MOST_PARTS and envelope[1:] in ([], [b""])):
-                # nobody to answer: this is no request
-                continue
+            identity, *frames = receive_parts(self._server)
+            # the empty part that REQ puts in and DEALER may leave out
+            envelope = [identity, *frames[:-1][:1]] if frames[:1] == [b""] else [identity]
             try:
-                answer = packb({"ok": True, **self._answer(request)}, MAX_ANSWER_BYTES)
+                answer = packb({"ok": True, **self._answer(frames, envelope)}, MAX_ANSWER_BYTES)
             except EvsError as reason:
                 answer = packb({"ok": False, "error": " ".join(str(reason).split())})
             self.answered += 1
             # to a client that has gone, or does not read, it is dropped
             self._server.send_multipart([*envelope, answer], zmq.NOBLOCK)
 
-    def _answer(self, request: bytes) -> Answer:
-        fields = unpackb(request, MAX_REQUEST_BYTES)
+    def _answer(self, frames: list[Any], envelope: list[bytes]) -> Answer:
+        request = frames[len(envelope) - 1 :]
+        if len(request) != 1:
+            raise MessageError("a request is one frame; this one has more")
+        fields = unpackb(bytes(request[0]), MAX_REQUEST_BYTES)
         name = fields.get("request")
         if not isinstance(name, str):
             raise MessageError(f"field 'request' is {shown(name)}, not a name")
@@ -162,7 +164,7 @@ def request(
     if key and not server_key:
         raise EvsError("key needs server_key: give the publisher's public key")
     address = connectable(control)
-    message = packb({**(arguments or {}), "request": name})
+    message = packb({**(arguments or {}), "request": name}, MAX_REQUEST_BYTES)
     with Context() as context, context.socket(zmq.REQ) as client:
         client.set(zmq.LINGER, 0)
         client.set(zmq.MAXMSGSIZE, MAX_ANSWER_BYTES)

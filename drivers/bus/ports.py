@@ -12,7 +12,7 @@ import zmq
 from evs.drivers.bus.address import bindable, check_unused, is_ipc, is_ipv6, leave
 from evs.drivers.bus.channels import Audience
 from evs.drivers.bus.control import (
-    MAX_REQUEST_BYTES,
+    MAX_RECEIVED_BYTES,
     PROTOCOL,
     Answer,
     Control,
@@ -132,7 +132,7 @@ class Ports:
             self.latest_address = self.bind(self._latest, self.latest_address)
         if self.control_address:
             server = self.make(zmq.ROUTER, self.control_address)
-            server.set(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
+            server.set(zmq.MAXMSGSIZE, MAX_RECEIVED_BYTES)
             server.set(zmq.SNDHWM, _ANSWERS)
             self.control_address = self.bind(server, self.control_address)
             requests = {

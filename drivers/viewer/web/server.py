@@ -175,10 +175,14 @@ class PageServer:
 
     async def _answer(self, _: ServerConnection, request: Request) -> Response | None:
         """Answer an HTTP request; None: it is one for a WebSocket, which is welcome."""
-        host = request.headers.get("Host", "")
-        address = urlsplit(request.path)
-        words = {key: values[0] for key, values in parse_qs(address.query).items()}
-        origin = request.headers.get("Origin")
+        try:
+            host = request.headers.get("Host", "")
+            origin = request.headers.get("Origin")
+            address = urlsplit(request.path)
+            words = {key: values[0] for key, values in parse_qs(address.query).items()}
+        except (ValueError, LookupError):
+            # brackets with no IPv6 address between them; the same header twice
+            return _response(HTTPStatus.BAD_REQUEST, "text/plain", b"")
         if (
             host.rpartition(":")[0] not in LOOPBACK
             or not secrets.compare_digest(words.get("token", "").encode(), self._token.encode())
@@ -285,7 +289,7 @@ class PageServer:
             else:
                 wanted = words["set"]
                 await self._set(one, {"camera": wanted["camera"], "values": wanted["values"]})
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             one.tell(error="this message is not understood")
 
     async def _set(self, one: _Page, arguments: dict[str, object]) -> None:

@@ -149,24 +149,32 @@ def test_strange_requests_harm_nobody(running: Running) -> None:
         msgpack.packb([1] * 100),
         b"\xdd\xff\xff\xff\xff" * 500,
         np.random.default_rng(0).bytes(4000),
+        bytes(5000),
+        bytes(60_000),
+        *(
+            msgpack.packb({"request": "set", "camera": "left", "values": values})
+            for values in (1, [], {"pos_thres": [1]}, {"pos_thres": float("nan")}, {"": {}})
+        ),
+        msgpack.packb({"request": "set", "camera": ["left"]}),
     ]
     with zmq.Context() as context, context.socket(zmq.DEALER) as client:
         client.set(zmq.LINGER, 0)
         client.connect(running.sender.control_address)
+        answers = []
         for request_bytes in bad:
             # with REQ's empty part and without; then with parts that mean nothing
             client.send_multipart([b"", request_bytes])
             client.send(request_bytes)
             client.send_multipart([b"a", b"b", b"c", request_bytes])
-        answers = []
-        while len(answers) < 2 * len(bad) and client.poll(3000):
-            answers.append(client.recv_multipart()[-1])
-        assert len(answers) == 2 * len(bad)
+            for _ in range(3):
+                assert client.poll(3000), request_bytes[:40]
+                answers.append(client.recv_multipart()[-1])
+        assert len(answers) == 3 * len(bad)
         for answer in map(msgpack.unpackb, answers):
             assert answer["ok"] is False
             assert "\n" not in answer["error"]
-        # one that is too long ends that connection only
-        client.send(bytes(5000))
+        # one of any length more ends that connection only
+        client.send(bytes(100_000))
     assert discover(running.sender.control_address).cameras
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import socket
 import struct
 import threading
 from collections.abc import Iterator
@@ -162,6 +163,31 @@ def test_a_tunnel_may_have_another_port(served: Served, host: str) -> None:
     assert served.get(f"/?token={served.token}", Host=host.format(port=served.port)).status == 200
 
 
+@pytest.mark.parametrize(
+    "request_lines",
+    [
+        "GET //[ HTTP/1.1\r\nHost: 127.0.0.1",
+        "GET http://[::1 HTTP/1.1\r\nHost: 127.0.0.1",
+        "GET /?" + "a=1&" * 1000 + " HTTP/1.1\r\nHost: 127.0.0.1",
+        "GET /?token=%ff%00 HTTP/1.1\r\nHost: [",
+        "GET / HTTP/1.1\r\nHost: a\r\nHost: b",
+        "GET / HTTP/1.1\r\nHost: a\r\nOrigin: b\r\nOrigin: c",
+        "\x16\x03\x01 a client that speaks TLS",
+        "GET /\xff HTTP/1.1\r\nHost: a",
+    ],
+)
+def test_a_strange_request_is_refused_without_a_traceback(
+    served: Served, request_lines: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    with socket.create_connection(("127.0.0.1", served.port), 10) as link:
+        link.sendall(request_lines.encode("latin-1") + b"\r\nConnection: close\r\n\r\n")
+        answer = link.recv(1000)
+    # what is no HTTP at all the library drops
+    assert answer.startswith((b"HTTP/1.1 400", b"HTTP/1.1 403")) or not answer
+    assert not [one for one in caplog.records if one.exc_info]
+    assert served.get(f"/?token={served.token}").status == 200
+
+
 def test_a_foreign_page_gets_no_socket(served: Served) -> None:
     with pytest.raises(InvalidStatus, match="403"):
         served.connect(origin="http://evil.example")
@@ -235,6 +261,10 @@ def test_strange_messages_are_answered(served: Served) -> None:
             '{"drawn": 1}',
             '{"set": 3}',
             '{"drawn": {}, "camera": []}',
+            "[" * 4000,
+            '{"set":' * 500,
+            b"\xff\xfe",
+            '{"drawn": 1, "camera": "\\udcff"}x',
         ):
             page.send(message)
             assert told(page, "error") == "this message is not understood"
