@@ -67,6 +67,8 @@ class Client:
         """-1: it is the header"""
         self._waiting: deque[tuple[bytes, int]] = deque()
         self._waiting_bytes = 0
+        self.is_full = False
+        """Whether the operating system took no more; it is asked again once it has room."""
 
     @property
     def is_waiting(self) -> bool:
@@ -87,6 +89,7 @@ class Client:
 
     def flush(self) -> bool:
         """Send what the operating system takes; return False once the client is gone."""
+        self.is_full = False
         try:
             while self._begun or self._begin():
                 done = self.link.send(self._begun)
@@ -95,7 +98,7 @@ class Client:
                 if not self._begun:
                     self._sent.packets += self._begun_elements >= 0
         except BlockingIOError:
-            return True
+            self.is_full = True
         except OSError:
             return False
         return True
@@ -199,33 +202,30 @@ class Port:
         self.number = int(self._listener.getsockname()[1])
         selector.register(self._listener, selectors.EVENT_READ, (self, None))
 
-    def read(self, client: Client | None) -> None:
-        """Accept a new client (None), or read what a client sent; it may have left."""
+    def serve(self, client: Client | None, events: int) -> None:
+        """Accept a new client (None), or read from one and send to it, as the selector has it."""
         if client is None:
             self._accept()
-        elif not client.read():
+            return
+        if events & selectors.EVENT_READ and not client.read():
             self._drop(client)
-
-    def send(self, message: bytes, elements: int) -> None:
-        """Send one message to every client, as far as each can take it now."""
-        for client in tuple(self.clients):
-            client.put(message, elements)
+        elif events & selectors.EVENT_WRITE:
             self._flush(client)
 
-    def flush(self) -> None:
-        """Send what waits, as far as the clients can take it now."""
+    def send(self, message: bytes, elements: int) -> None:
+        """Send one message to every client, as far as each can take it now.
+
+        A client whose connection is full costs an entry in its queue, and no call of the system.
+        """
         for client in tuple(self.clients):
-            if client.is_waiting:
+            client.put(message, elements)
+            if not client.is_full:
                 self._flush(client)
 
     @property
     def is_waiting(self) -> bool:
         """Whether messages wait for any client."""
         return any(client.is_waiting for client in self.clients)
-
-    def waiting_links(self) -> list[socket.socket]:
-        """The sockets of the clients for which messages wait."""
-        return [client.link for client in self.clients if client.is_waiting]
 
     def close(self) -> None:
         """Disconnect every client and release the port."""
@@ -252,8 +252,12 @@ class Port:
         self._flush(client)
 
     def _flush(self, client: Client) -> None:
+        was_full = client.is_full
         if not client.flush():
             self._drop(client)
+        elif client.is_full != was_full:
+            wanted = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.is_full else 0)
+            self._selector.modify(client.link, wanted, (self, client))
 
     def _drop(self, client: Client) -> None:
         self._selector.unregister(client.link)

@@ -128,14 +128,12 @@ class DvServer(Sink):
 
     def write(self, packet: EventPacket) -> None:
         """Send one packet to the clients of events; serve those of the other streams too."""
-        self._read_clients()
+        self._serve_clients()
         port = self._port_of(packet.camera, description.EVENT_STREAM)
         if len(packet) and port.clients:
             self._send(
                 port, description.EVENT_STREAM, layout.events_body(packet.events), len(packet)
             )
-        for one in self._ports.values():
-            one.flush()
 
     def write_frame(self, frame: Frame) -> None:
         """Send one intensity frame to the clients of frames."""
@@ -191,15 +189,15 @@ class DvServer(Sink):
         self.meter.lap("pack")
         port.send(message, elements)
 
-    def _read_clients(self, wait_s: float = 0.0) -> None:
-        """Accept new clients, drop those that left, and discard what they sent."""
+    def _serve_clients(self, wait_s: float = 0.0) -> None:
+        """Accept new clients, send to those that have room, and discard what they sent."""
         if self._selector is None:
             return
-        for key, _ in self._selector.select(wait_s):
+        for key, events in self._selector.select(wait_s):
             port, client = key.data
             # an earlier one of these may have removed it
             if client is None or client in port.clients:
-                port.read(client)
+                port.serve(client, events)
 
     def _await_clients(self) -> None:
         deadline_s = monotonic_s() + self._wait_s
@@ -210,7 +208,7 @@ class DvServer(Sink):
                     f"{came} of {self._wait_for} DV clients came to {self._address} within "
                     f"{self._wait_s:g} s: start them while this waits, or give wait_s more"
                 )
-            self._read_clients(min(_WAIT_S, remaining_s))
+            self._serve_clients(min(_WAIT_S, remaining_s))
 
     def _listeners(self) -> int:
         ports = self._ports.items()
@@ -222,20 +220,13 @@ class DvServer(Sink):
             remaining_s = deadline_s - monotonic_s()
             if remaining_s <= 0:
                 break
-            self._read_clients()
-            with selectors.DefaultSelector() as takers:
-                for port in self._ports.values():
-                    for link in port.waiting_links():
-                        takers.register(link, selectors.EVENT_WRITE)
-                takers.select(min(_WAIT_S, remaining_s))
-            for port in self._ports.values():
-                port.flush()
+            self._serve_clients(min(_WAIT_S, remaining_s))
         deadline_s = monotonic_s() + min(GRACE_S, self._linger_s)
         while any(port.clients for port in self._ports.values()):
             remaining_s = deadline_s - monotonic_s()
             if remaining_s <= 0:
                 return
-            self._read_clients(remaining_s)
+            self._serve_clients(remaining_s)
 
     def _counts(self) -> dict[str, Any]:
         every = self._ports.values()

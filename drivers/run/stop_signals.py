@@ -38,9 +38,51 @@ def stop_signals() -> Iterator[list[str]]:
         first_s = monotonic_s()
         stopped.append("interrupted" if number == signal.SIGINT else "terminated")
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = {"interrupted": signal.SIGINT, "terminated": signal.SIGTERM}
+    before = {number: signal.signal(number, stop) for number in numbers.values()}
     try:
         yield stopped
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    outer = before[signal.SIGINT]
+    if stopped and isinstance(outer, Ending):
+        outer(numbers.get(stopped[0], signal.SIGINT), None)
+
+
+class Ending:
+    """A handler that ends a command of many runs, as KeyboardInterrupt or SystemExit(143)."""
+
+    def __init__(self) -> None:
+        self._number = 0
+
+    def __call__(self, number: int, _: Any) -> None:
+        """Raise; the signal stays known, for libraries catch what is raised while they load."""
+        self._number = number
+        self.check()
+
+    def check(self) -> None:
+        """Raise again where a signal came before."""
+        if self._number == signal.SIGINT:
+            raise KeyboardInterrupt
+        if self._number:
+            raise SystemExit(128 + self._number)
+
+
+@contextmanager
+def ending_signals() -> Iterator[Ending]:
+    """Ctrl-C and SIGTERM end the block; a run in it ends as `stop_signals` has it, then the block.
+
+    Only the main thread can take signals; elsewhere nothing changes.
+    """
+    ending = Ending()
+    if threading.current_thread() is not threading.main_thread():
+        yield ending
+        return
+    before = {number: signal.signal(number, ending) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield ending
+        ending.check()
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

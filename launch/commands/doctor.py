@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from evs.drivers.run.stop_signals import Ending
     from evs.tools.doctor import Check
     from evs.tools.stress import CaseResult
 
@@ -42,10 +43,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run all checks; 0 if evs works here and keeps its bounds, 1 if not."""
-    if args.markdown:
-        return _write(args.markdown)
+    from evs.drivers.run.stop_signals import ending_signals
+
+    with ending_signals() as ending:
+        return _write(args.markdown) if args.markdown else _check(args, ending)
+
+
+def _check(args: argparse.Namespace, ending: Ending) -> int:
+    """Print every check, then the stress cases."""
     checks = []
     for check in examine():
+        ending.check()
         checks.append(check)
         if not args.json:
             print(_line(check), flush=True)

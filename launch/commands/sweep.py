@@ -79,6 +79,7 @@ def run(args: argparse.Namespace) -> int:
     # here, so that --help is quick
     from evs.drivers.pictures import suffix_of
     from evs.drivers.run.report import check_targets
+    from evs.drivers.run.stop_signals import ending_signals
     from evs.launch.support import terminal
     from evs.tools.evaluation.light_cache import LightCache, user_cache
     from evs.tools.sweep import sweep
@@ -101,10 +102,10 @@ def run(args: argparse.Namespace) -> int:
     store = SweepStore(file, header)
     runner = sweep.Sweep(settings, cases, store, cache, header.about, warn=terminal.warn)
     try:
-        with terminal.bar("sweeping", runner.total(), args.quiet) as moved:
+        with ending_signals(), terminal.bar("sweeping", runner.total(), args.quiet) as moved:
             runner.moved = moved
             runner.run()
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemExit):
         terminal.warn(f"stopped; {file} has what is done, and the same command goes on")
         raise
     _tell(store, words, drawn, args.quiet)

@@ -68,6 +68,7 @@ def run(args: argparse.Namespace) -> int:
     from evs.drivers.clock import monotonic_s
     from evs.drivers.run.config import is_scene
     from evs.drivers.run.report import check_targets, write_whole
+    from evs.drivers.run.stop_signals import ending_signals
     from evs.emulator.base.cores import cores
     from evs.launch.support import terminal
     from evs.tools.doctor.machine import cpu_name
@@ -97,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
     def left_s() -> float:
         return budget_s - (monotonic_s() - begin_s)
 
-    with terminal.bar("tuning", round(budget_s), args.quiet) as moved:
+    with ending_signals(), terminal.bar("tuning", round(budget_s), args.quiet) as moved:
 
         def step() -> None:
             moved(round(budget_s - max(0.0, left_s())), measuring)

@@ -11,7 +11,8 @@ import pytest
 
 from evs.drivers.dv import DvServer
 from evs.drivers.dv import port as ports_module
-from evs.drivers.files.aedat4 import layout
+from evs.drivers.dv.port import Client
+from evs.drivers.files.aedat4 import description, layout
 from evs.drivers.sink import Stream
 from evs.msgs import (
     Events,
@@ -100,6 +101,43 @@ def test_a_stuck_client_loses_its_oldest_packets_and_nobody_else_any() -> None:
     assert lost > 5
     assert (said["packets_dropped"], said["events_dropped"]) == (lost, 20_000 * lost)
     assert slowest < 0.5
+
+
+def test_clients_that_never_read_cost_no_calls_of_the_system(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Sixty that are full cost a packet an entry in their queues; one that reads again gets all."""
+    flushed: list[Client] = []
+    flush = Client.flush
+
+    def counting(self: Client) -> bool:
+        flushed.append(self)
+        return flush(self)
+
+    monkeypatch.setattr(Client, "flush", counting)
+    got: list[Events] = []
+    with serving(queue=5, linger_s=20.0) as server:
+        stuck = [Listener(server.ports["eye/events"], 4096) for _ in range(60)]
+        came(server, 60)
+        clients = tuple(server._ports["eye", description.EVENT_STREAM].clients)
+        for _ in range(20):
+            server.write(packet(0, 200_000))
+        assert all(client.is_full for client in clients)
+        flushed.clear()
+        for seq in range(200):
+            server.write(packet(seq, 100))
+        assert flushed == []
+        reading = threading.Thread(target=stuck[0].read_all, args=(got,))
+        reading.start()
+        for one in stuck[1:]:
+            one.link.close()
+        server.close()
+        reading.join()
+        stuck[0].link.close()
+    # what was begun, whole, and the newest five
+    newest = [packet(seq, 100).events.tobytes() for seq in range(195, 200)]
+    assert [events.tobytes() for events in got][-5:] == newest
+    assert set(flushed) >= {clients[0]}
 
 
 def test_who_comes_late_gets_the_description_and_what_is_new() -> None:

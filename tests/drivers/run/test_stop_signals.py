@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import signal
+from contextlib import suppress
 
 import pytest
 
 from evs.drivers.clock import sleep_s
-from evs.drivers.run.stop_signals import stop_signals
+from evs.drivers.run.stop_signals import ending_signals, stop_signals
+from evs.launch.commands import doctor
+from evs.launch.main import main
+from evs.tools.stress import Measurement, StressCase, stress_case
 
 
 @pytest.mark.parametrize(
@@ -31,3 +35,61 @@ def test_who_insists_a_moment_later_interrupts() -> None:
         assert stopped == ["interrupted"]
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize(
+    ("number", "kind", "code"),
+    [(signal.SIGINT, KeyboardInterrupt, None), (signal.SIGTERM, SystemExit, 143)],
+)
+@pytest.mark.parametrize("inside_a_run", [True, False])
+def test_a_command_of_many_runs_ends_with_the_run_that_was_stopped(
+    number: int, kind: type[BaseException], code: int | None, inside_a_run: bool
+) -> None:
+    before = signal.getsignal(number)
+    done: list[str] = []
+
+    def command() -> None:
+        with ending_signals():
+            if inside_a_run:
+                with stop_signals() as stopped:
+                    signal.raise_signal(number)
+                    # the run writes what it has
+                    done.extend(stopped)
+            else:
+                signal.raise_signal(number)
+            done.append("the next run")
+
+    with pytest.raises(kind) as ended:
+        command()
+    assert done == ([("interrupted" if code is None else "terminated")] if inside_a_run else [])
+    assert getattr(ended.value, "code", None) == code
+    assert signal.getsignal(number) is before
+
+
+def test_a_library_that_catches_the_signal_does_not_keep_the_command_alive() -> None:
+    def command() -> None:
+        with ending_signals(), suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        command()
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_doctor_ends_in_the_middle_of_its_cases(
+    number: int, code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def runs() -> Measurement:
+        with stop_signals() as stopped:
+            signal.raise_signal(number)
+            assert stopped
+        raise AssertionError("the case went on")
+
+    case = StressCase("endless", "light", "", "", lambda short: runs())
+    monkeypatch.setattr(stress_case, "cases_of", lambda group: (case,))
+    monkeypatch.setattr(doctor, "examine", lambda: iter(()))
+    try:
+        found = main(["doctor"])
+    except SystemExit as ended:
+        found = ended.code
+    assert found == code

@@ -40,4 +40,4 @@ def came(server: DvServer, count: int, within_s: float = 20.0) -> None:
     deadline = time.monotonic() + within_s
     while sum(len(port.clients) for port in server._ports.values()) != count:
         assert time.monotonic() < deadline, "the clients did not come"
-        server._read_clients(0.05)
+        server._serve_clients(0.05)
