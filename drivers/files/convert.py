@@ -14,10 +14,10 @@ from evs.drivers.files.capabilities import Capabilities, can_begin_with, check_s
 from evs.drivers.files.formats import AnyPath, Format, ReadOptions, to_read, to_write
 from evs.drivers.files.metadata_file import check_metadata_replaceable, metadata_path
 from evs.drivers.files.multi_file import (
-    MultiFileRecording,
     check_not_continued,
     open_recording,
     part_path,
+    paths_of,
 )
 from evs.drivers.files.paths import target_error
 from evs.drivers.files.reading import messages_of, recorder_for
@@ -112,7 +112,7 @@ def convert(
     found, wanted = to_read(source), to_write(target, kind)
     file = open_recording(source, found, **(reading or {}))
     target = Path(target)
-    for path in file.paths if isinstance(file, MultiFileRecording) else [file.path]:
+    for path in paths_of(file):
         _check_place(path, target)
     if wanted.metadata_file:
         check_metadata_replaceable(target)

@@ -160,6 +160,7 @@ FORMATS: tuple[Format, ...] = (
         recorder="evs.drivers.files.aedat4.recorder:Aedat4Recorder",
         capabilities=Capabilities(frames=True, imu=True, triggers=True),
         options=("compression", "rotate_mb", "rotate_s"),
+        read_options=("stream",),
         matches=lambda head: head.startswith(b"#!AER-DAT4"),
         repairer="evs.drivers.files.aedat4.repair:repair",
     ),
@@ -248,6 +249,7 @@ FORMATS: tuple[Format, ...] = (
         reader="evs.drivers.files.bags.reader:BagFile",
         repairer="evs.drivers.files.bags.repair:repair",
         recorder="evs.drivers.files.bags.recorder:Ros2Recorder",
+        read_options=("stream",),
         capabilities=_ROS_EVT3,
         capabilities_by_encoding=dict.fromkeys(("libcaer", "libcaer_cmp", "mono", "dvs"), _ROS),
         options=(
@@ -263,6 +265,7 @@ FORMATS: tuple[Format, ...] = (
         reader="evs.drivers.files.bags.reader:BagFile",
         repairer="evs.drivers.files.bags.repair:repair",
         recorder="evs.drivers.files.bags.recorder:Ros1Recorder",
+        read_options=("stream",),
         capabilities=_ROS,
         capabilities_by_encoding={"evt3": _ROS_EVT3},
         options=("encoding",),
@@ -287,6 +290,7 @@ FORMATS: tuple[Format, ...] = (
         reader="evs.drivers.files.aedat3.reader:Aedat3File",
         recorder="evs.drivers.files.aedat3.recorder:Aedat3Recorder",
         capabilities=Capabilities(first_us=0, frames=True, imu=True),
+        read_options=("stream",),
         matches=lambda head: head.startswith(b"#!AER-DAT3"),
     ),
     Format(
@@ -373,12 +377,38 @@ def to_write(path: AnyPath, name: str | None = None) -> Format:
     return found
 
 
+BAG_METADATA = "metadata.yaml"
+PACKED_SUFFIX = ".zstd"
+"""a ROS 2 bag's metadata, in its folder; the ending of its files if they are compressed whole"""
+
+_BAG_SUFFIXES = (".mcap", ".db3")
+
+
+def is_bag_file(path: Path) -> bool:
+    """Whether a name is that of a ROS 2 bag's file."""
+    return path.name.lower().removesuffix(PACKED_SUFFIX).endswith(_BAG_SUFFIXES)
+
+
+def is_bag_folder(path: Path) -> bool:
+    """Whether a path is the folder of a ROS 2 bag."""
+    try:
+        if not path.is_dir():
+            return False
+        return (path / BAG_METADATA).is_file() or any(map(is_bag_file, path.iterdir()))
+    except OSError:
+        return False
+
+
 def to_read(path: AnyPath) -> Format:
     """The format of an existing file: by its ending, and by its first bytes where that is shared.
+
+    The folder of a ROS 2 bag is a recording too.
 
     Raises:
         EvsError: No format has this ending.
     """
+    if is_bag_file(Path(path)) or is_bag_folder(Path(path)):
+        return by_name("rosbag2")
     usual = _by_suffix(path)
     suffix = Path(path).suffix.lower()
     others = [row for row in FORMATS if suffix in row.shared_suffixes and row.matches is not None]

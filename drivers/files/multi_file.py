@@ -96,6 +96,14 @@ class PartFile(Protocol):
         """Number of the part, from 0; None: the recording has one file."""
 
 
+@runtime_checkable
+class BeginningFile(Protocol):
+    """A RecordingFile whose own reader reads the files that it goes on in."""
+
+    def whole(self) -> RecordingFile:
+        """The recording that begins with this file."""
+
+
 @dataclass
 class MultiFileReport(IntegrityReport):
     """What was found in all files; places are those of the first file that has any."""
@@ -229,6 +237,8 @@ def open_recording(
     kind = kind or to_read(path)
     single = options.get("single", False)
     first = kind.open(Path(path), **options)
+    if not single and isinstance(first, BeginningFile):
+        return first.whole()
     files = [first]
     if not single and isinstance(first, PartFile) and first.part == 0:
         while (further := _next_part(kind, files, options)) is not None:
@@ -253,6 +263,11 @@ def _next_part(
     in_order = before is None or begin is None or before <= begin
     same = found.part == len(files) and found.stream == files[0].stream
     return found if same and in_order else None
+
+
+def paths_of(file: RecordingFile) -> list[Path]:
+    """All files of a recording."""
+    return list(getattr(file, "paths", [file.path]))
 
 
 def _begin_us(file: RecordingFile) -> int | None:

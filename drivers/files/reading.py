@@ -13,7 +13,7 @@ import numpy as np
 
 from evs.drivers.files.formats import AnyPath, ReadOptions, to_read, to_write
 from evs.drivers.files.integrity import Repair
-from evs.drivers.files.multi_file import MultiFileRecording, open_recording
+from evs.drivers.files.multi_file import open_recording, paths_of
 from evs.drivers.files.paths import target_error
 from evs.drivers.files.recording_file import OF_STREAM, RecordingFile
 from evs.drivers.sink import Sink
@@ -402,5 +402,4 @@ def opened(path: AnyPath, **options: Unpack[ReadOptions]) -> RecordingFile:
 
 def parts(path: AnyPath) -> list[Path]:
     """The files of the recording that begins at a path, in their order."""
-    file = opened(path)
-    return file.paths if isinstance(file, MultiFileRecording) else [file.path]
+    return paths_of(opened(path))

@@ -8,7 +8,7 @@ from typing import Unpack
 import numpy as np
 
 from evs.drivers.files.formats import AnyPath, ReadOptions, to_read
-from evs.drivers.files.multi_file import MultiFileRecording, open_recording
+from evs.drivers.files.multi_file import open_recording, paths_of
 from evs.drivers.files.reading import check_readable
 from evs.msgs import IMU_DTYPE, TRIGGER_DTYPE, Frame, StreamInfo
 
@@ -133,7 +133,7 @@ def summary(path: AnyPath, **options: Unpack[ReadOptions]) -> Summary:
         imu_rate_hz=_rate_hz(imu_stamps),
         triggers=triggers,
         unfinished=getattr(file, "unfinished", False),
-        files=[str(one) for one in file.paths] if isinstance(file, MultiFileRecording) else [],
+        files=[str(one) for one in paths_of(file)] if paths_of(file) != [file.path] else [],
         read_as=getattr(file, "read_as", ""),
     )
 

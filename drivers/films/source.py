@@ -8,7 +8,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Protocol
 
-from evs.drivers.files.formats import SUFFIXES
+from evs.drivers.files.formats import SUFFIXES, is_bag_folder
 from evs.drivers.films.decoder import Decoder, Picture
 from evs.msgs import EvsError
 
@@ -110,7 +110,7 @@ def is_film(path: str | Path) -> bool:
     """Whether a path is a film or a folder, by its ending, and no recording of events."""
     found = Path(path)
     if found.is_dir():
-        return True
+        return not is_bag_folder(found)
     return found.suffix.lower() in FILM_SUFFIXES and found.suffix.lower() not in SUFFIXES
 
 

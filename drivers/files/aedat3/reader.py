@@ -29,16 +29,19 @@ from evs.drivers.files.aedat3.layout import (
     Head,
     read_head,
 )
+from evs.drivers.files.chips import chip_named
 from evs.drivers.files.formats import AnyPath
 from evs.drivers.files.header_text import own_line_and_chip, read_file_head, stream_from_header
 from evs.drivers.files.integrity import IntegrityReport
-from evs.drivers.files.recording_file import MultiStreamFile
+from evs.drivers.files.recording_file import MultiStreamFile, choose_stream, of_stream
 from evs.drivers.files.time_order import EventSorter, Interleaver
 from evs.msgs import Events, EvsError, Frame, ImuSamples, make_events
 
 _CHUNK_EVENTS = 1 << 17
 _CHUNK_BYTES = 1 << 20
 _COLOURED = "frames that are not grey"
+_UNREAD = {POLARITY: "events", FRAME: "frames", **dict.fromkeys(IMU, "IMU samples")}
+"""kind of a packet of a source that is not read -> what is counted of it"""
 
 Raw = npt.NDArray[np.void]
 
@@ -49,11 +52,21 @@ class Aedat3File(MultiStreamFile):
 
     packets_at: int = 0
     """where the packets begin, bytes"""
+    source: int | None = None
+    """number of the source that is read; None: of all, since events come from one"""
     _frames: int = field(default=0, repr=False)
 
     @classmethod
-    def at(cls, path: AnyPath) -> Aedat3File:
-        """Read the header. EvsError: no such file, not AEDAT3.1, an unknown compression."""
+    def at(cls, path: AnyPath, stream: str | int | None = None) -> Aedat3File:
+        """Read the header.
+
+        Args:
+            path: The file.
+            stream: Number or name of the source; None: the first that has events.
+
+        Raises:
+            EvsError: No such file, not AEDAT3.1, an unknown compression, or no such source.
+        """
         found, data = read_file_head(path)
         at = data.find(END)
         if not data.startswith(MAGIC) or at < 0:
@@ -71,16 +84,18 @@ class Aedat3File(MultiStreamFile):
                 f"{found} is compressed in a way that we do not know ({shown}; known: "
                 f"{', '.join(FORMATS)}): write it again as RAW"
             )
-        stated, source = own_line_and_chip(lines, EVS_LINE, SOURCE)
+        stated, _ = own_line_and_chip(lines, EVS_LINE, SOURCE)
         opened = cls(
             path=found,
-            stream=stream_from_header(stated, source, frames=True, imu=True),
+            stream=stream_from_header(stated, "", frames=True, imu=True),
             size=found.stat().st_size,
             compression="none" if compression == "RAW" else compression,
             packets_at=at,
         )
-        if not (stated and opened.stream.width):
-            opened._probe()
+        if stated and opened.stream.width:
+            opened.streams = choose_stream(found, {"1": opened.stream.camera}, stream)
+        else:
+            opened._probe(dict(filter(None, map(_source, lines))), stream)
         return opened
 
     def _iterate(self, events: bool, auxiliary: bool) -> Iterator[Events | Frame | ImuSamples]:
@@ -90,7 +105,12 @@ class Aedat3File(MultiStreamFile):
         self._frames = 0
         with self.path.open("rb") as file:
             for at, head in self._packets(file, integrity, left_out):
-                if head.kind == POLARITY:
+                if self.source is not None and head.source != self.source:
+                    if events if head.kind == POLARITY else auxiliary:
+                        key = str(head.source)
+                        what = of_stream(_UNREAD[head.kind], key, self.streams.get(key, ""))
+                        count(left_out, what, head.valid)
+                elif head.kind == POLARITY:
                     if events:
                         for place, raw in self._parts(file, at, head, integrity):
                             found, where = self._events(place, head, raw, integrity, left_out)
@@ -230,23 +250,48 @@ class Aedat3File(MultiStreamFile):
             at += max(1, len(chunk) - NUMBERS.size + 1)
         return self.size
 
-    def _probe(self) -> None:
-        """Find the streams of another writer's file, and the sensor's size if it is not stated."""
-        width = height = 1
-        kinds = set()
+    def _probe(self, names: dict[str, str], wanted: str | int | None) -> None:
+        """Find the sources of another writer's file, their streams, and their sensors' sizes.
+
+        Args:
+            names: Number -> name of the sources that the header lists.
+            wanted: Number or name of the source that is read; None: the first that has events.
+        """
+        sides: dict[str, tuple[int, int]] = {}
+        kinds: dict[str, set[int]] = {}
         with self.path.open("rb") as file:
             for at, head in self._packets(file, IntegrityReport(), {}):
-                kinds.add(head.kind)
-                if self.stream.width or head.kind != POLARITY:
+                key = str(head.source)
+                kinds.setdefault(key, set()).add(head.kind)
+                if head.kind != POLARITY:
+                    continue
+                width, height = sides.setdefault(key, (1, 1))
+                if chip_named(names.get(key, "")):
                     continue
                 for _, raw in self._parts(file, at, head, IntegrityReport()):
                     data = raw["data"][(raw["data"] & 1).astype(np.bool_)]
                     width = max(width, 1 + int((data >> 17).max(initial=0)))
                     height = max(height, 1 + int((data >> 2 & 0x7FFF).max(initial=0)))
-        if not self.stream.width:
-            self.stream = replace(self.stream, width=width, height=height)
-        imu = not kinds.isdisjoint(IMU)
-        self.stream = replace(self.stream, frames=FRAME in kinds, imu=imu)
+                sides[key] = width, height
+        cameras = {key: names.get(key, "") for key in sorted(sides or kinds, key=int)}
+        self.streams = choose_stream(self.path, cameras, wanted)
+        key = next(iter(self.streams), "")
+        self.source = int(key) if len(self.streams) > 1 else None
+        name = names.get(key) or next(iter(names.values()), "")
+        stream = stream_from_header(None, name)
+        if not stream.width:
+            width, height = sides.get(key, (1, 1))
+            stream = replace(stream, width=width, height=height)
+        found = kinds.get(key, set()) if self.source is not None else set().union(*kinds.values())
+        imu = not found.isdisjoint(IMU)
+        self.stream = replace(stream, frames=FRAME in found, imu=imu)
+
+
+def _source(line: str) -> tuple[str, str] | None:
+    """Number and name of a source in a header's line; None in another line."""
+    number, colon, name = line.removeprefix(SOURCE).partition(":")
+    stated = line.startswith(SOURCE) and colon and number.strip().isdecimal()
+    return (number.strip(), name.strip()) if stated else None
 
 
 def count(left_out: dict[str, int], what: str, number: int) -> None:

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
+from typing import BinaryIO
 
 from evs.drivers.files.aedat4.layout import CorruptDataError
 from evs.msgs import unknown
@@ -73,6 +74,29 @@ def decompress(body: bytes, name: str) -> bytes:
 def expanded(body: bytes, name: str, size: int) -> bytes:
     """The content of a frame, which must be `size` bytes; CorruptDataError if it is not."""
     return _filled(bytearray(), _reader(body, name), size)
+
+
+def unpacked(body: bytes, name: str) -> bytes:
+    """The content of a frame of unknown size; CorruptDataError: torn, or over MAX_BODY_BYTES."""
+    out, read = bytearray(), _reader(body, name)
+    while part := read(_CHUNK_BYTES):
+        out += part
+        if len(out) > MAX_BODY_BYTES:
+            raise CorruptDataError(f"holds over {MAX_BODY_BYTES} bytes")
+    return bytes(out)
+
+
+def decompressed(source: BinaryIO) -> Iterator[bytes]:
+    """The parts of a file that is compressed with ZSTD as a whole. CorruptDataError."""
+    import zstandard
+
+    plain = zstandard.ZstdDecompressor(max_window_size=_MAX_WINDOW_BYTES)
+    with plain.stream_reader(source, read_across_frames=True, closefd=False) as reader:
+        try:
+            while part := reader.read(_CHUNK_BYTES):
+                yield part
+        except zstandard.ZstdError as reason:
+            raise CorruptDataError(f"ZSTD: {reason}") from None
 
 
 def identifier(body: bytes, name: str) -> bytes:

@@ -136,6 +136,16 @@ def from_xml(text: str) -> dict[int, Declared]:
     return declared
 
 
+def event_streams(declared: dict[int, Declared]) -> dict[str, str]:
+    """Id -> name of the event streams: the camera, and the output where a camera has several."""
+    events = {n: one for n, one in sorted(declared.items()) if one.identifier == "EVTS"}
+    cameras = [one.info.get("source", "") for one in events.values()]
+    return {
+        str(number): f"{camera} {one.name}".strip() if cameras.count(camera) > 1 else camera
+        for (number, one), camera in zip(events.items(), cameras, strict=True)
+    }
+
+
 def stream_info(info: dict[str, str], width: int = 0, height: int = 0) -> StreamInfo:
     """The content of an event stream's info node; other writers' get tick_us 1, sensor `unknown`.
 

@@ -158,6 +158,13 @@ def parse_table_length(body: bytes) -> int:
     return 0 if elements_at is None else flat.vector(elements_at, 4)[1]
 
 
+def element_count(body: bytes) -> int:
+    """How many events, IMU samples or triggers an uncompressed packet body lists."""
+    flat = Flat(body, body[8:12])
+    elements_at = flat.field(flat.root(), 0)
+    return 0 if elements_at is None else flat.vector(elements_at, 4)[1]
+
+
 def list_body(builder: flatbuffers.Builder, tables: list[int], identifier: bytes) -> bytes:
     """The packet body whose root holds nothing but a vector of these tables, in order."""
     builder.StartVector(4, len(tables), 4)

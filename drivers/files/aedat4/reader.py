@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import BinaryIO
@@ -22,6 +22,7 @@ from evs.drivers.files.aedat4.auxiliary import (
 from evs.drivers.files.aedat4.layout import CorruptDataError
 from evs.drivers.files.integrity import IntegrityReport, bad_values, normalised
 from evs.drivers.files.paths import existing
+from evs.drivers.files.recording_file import choose_stream, of_stream
 from evs.drivers.files.time_order import CLOCK_RESET_US, sort_events
 from evs.msgs import EVENT_DTYPE, Events, EvsError, Frame, ImuSamples, StreamInfo, Triggers
 
@@ -30,6 +31,9 @@ MAX_TRIES = 1000
 """After corrupt data, the number of places that look like a packet that are tried."""
 
 COLOURED = "frames that are not grey"
+
+_UNREAD = {"EVTS": "events", "FRME": "frames", "IMUS": "IMU samples", "TRIG": "triggers"}
+"""kind of a stream that is not read -> what is counted of it"""
 
 _TABLE_HEAD_BYTES = 1 << 23
 _CHUNK_BYTES = 1 << 20
@@ -46,11 +50,12 @@ _Parser = Callable[[bytes], Message | str | None]
 class Aedat4File:
     """One AEDAT4 file, ours or another writer's, opened with `Aedat4File.at(path)`.
 
-    Events come from the first event stream that the file declares (or holds, if it declares none),
-    frames, IMU and triggers from the first of theirs; other streams are skipped. A file may declare
-    no events: it is read as what it has, of the size of its frames. Bytes that do not check out are
-    left out and reported: as damaged packets where a whole packet follows somewhere, else as a torn
-    tail.
+    Events come from the chosen event stream, or the first that the file declares (or holds, if it
+    declares none). Frames, IMU samples and triggers come from the first of theirs, of the same
+    camera if there are several event streams. What other streams hold is counted in `left_out`. A
+    file may declare no events: it is read as what it has, of the size of its frames. Bytes that do
+    not check out are left out and reported: as damaged packets where a whole packet follows
+    somewhere, else as a torn tail.
     """
 
     path: Path
@@ -73,7 +78,7 @@ class Aedat4File:
     whole_packets: int = 0
     """packets of any stream that the last complete walk found whole"""
     left_out: dict[str, int] = field(default_factory=dict)
-    """frames that the last walk left out, since they are not grey"""
+    """frames that the last walk left out, since they are not grey, and what other streams hold"""
     streams: dict[str, str] = field(default_factory=dict)
     position: int = 0
     """how far the present walk is, bytes"""
@@ -83,12 +88,20 @@ class Aedat4File:
     """the format has no place for any"""
 
     @classmethod
-    def at(cls, path: str | os.PathLike[str]) -> Aedat4File:
-        """Read the header. EvsError: no such file, not AEDAT4, nothing in it that we read."""
+    def at(cls, path: str | os.PathLike[str], stream: str | int | None = None) -> Aedat4File:
+        """Read the header.
+
+        Args:
+            path: The file.
+            stream: Id or name of the event stream; None: the first.
+
+        Raises:
+            EvsError: No such file, not AEDAT4, nothing in it that we read, or no such stream.
+        """
         found = existing(path)
         try:
             with found.open("rb") as file:
-                return cls._opened(found, file)
+                return cls._opened(found, file, stream)
         except OSError as reason:
             raise EvsError(f"cannot read {found}: {reason.strerror}") from None
         except CorruptDataError as reason:
@@ -97,7 +110,8 @@ class Aedat4File:
     def events(self) -> Iterator[Events]:
         """The events of each packet, read-only and never empty; the end sets `integrity`."""
         with self.path.open("rb") as file:
-            for _, events in self._iterate_packets(file, {self.event_id: self._parse_events}):
+            parsers = {self.event_id: self._parse_events}
+            for _, events in self._iterate_packets(file, parsers, counted=("EVTS",)):
                 assert isinstance(events, np.ndarray)
                 yield events
 
@@ -110,7 +124,8 @@ class Aedat4File:
     def auxiliary(self) -> Iterator[Frame | ImuSamples | Triggers]:
         """Frames, IMU samples and triggers alone, in the file's order; sets `integrity`."""
         with self.path.open("rb") as file:
-            for number, message in self._iterate_packets(file, self._parsers()):
+            others = ("FRME", "IMUS", "TRIG")
+            for number, message in self._iterate_packets(file, self._parsers(), counted=others):
                 if number != self.event_id:
                     assert not isinstance(message, np.ndarray) or message.dtype != EVENT_DTYPE
                     yield message
@@ -137,7 +152,7 @@ class Aedat4File:
         return True
 
     @classmethod
-    def _opened(cls, path: Path, file: BinaryIO) -> Aedat4File:
+    def _opened(cls, path: Path, file: BinaryIO, wanted: str | int | None) -> Aedat4File:
         size = os.fstat(file.fileno()).st_size
         if file.read(len(layout.MAGIC)) != layout.MAGIC:
             raise CorruptDataError("it does not begin with the AEDAT4 line")
@@ -155,14 +170,15 @@ class Aedat4File:
         if packets_at <= header.table_position < size:
             end, table_packets = _table(file, header.table_position, size, compression)
         whole = table_packets is not None
-        ids = [number for number, kind in sorted(streams.items()) if kind.identifier == "EVTS"]
+        event_streams = choose_stream(path, description.event_streams(streams), wanted)
         opened = cls(
             path=path,
             stream=StreamInfo(0, 0),
             compression=compression,
             declared=streams,
             header=header,
-            event_id=ids[0] if ids else -1,
+            event_id=int(next(iter(event_streams), -1)),
+            streams=event_streams,
             packets_at=packets_at,
             packets_end=header.table_position if whole else size,
             table_packets=table_packets,
@@ -208,9 +224,26 @@ class Aedat4File:
         )
 
     def _first_stream(self, kind: str) -> int | None:
-        """The id of the first stream of a kind that the file declares."""
+        """The id of the first stream of a kind that the file declares for the camera."""
         ids = [number for number, info in self.declared.items() if info.identifier == kind]
+        if len(self.streams) > 1:
+            camera = self.declared[self.event_id].info.get("source")
+            ids = [number for number in ids if self.declared[number].info.get("source") == camera]
         return min(ids, default=None)
+
+    def _count_unread(self, number: int, body: bytes, counted: Collection[str]) -> None:
+        """Count what a packet of a stream holds that is not read."""
+        other = self.declared.get(number)
+        if other is None or other.identifier not in counted:
+            return
+        try:
+            frame = other.identifier == "FRME"
+            count = 1 if frame else layout.element_count(self._plain(body))
+        except CorruptDataError:
+            return
+        name = self.streams.get(str(number), other.info.get("source", ""))
+        what = of_stream(_UNREAD[other.identifier], str(number), name)
+        self.left_out[what] = self.left_out.get(what, 0) + count
 
     def _parsers(self) -> dict[int, _Parser]:
         """The parsers of the streams that evs reads, by stream id."""
@@ -218,7 +251,6 @@ class Aedat4File:
         parsers: dict[int, _Parser] = {self.event_id: self._parse_events}
         if frames is not None:
             seen = iter(range(self.size))
-            self.left_out = {}
             parsers[frames] = lambda body: self._parse_frame(body, seen)
         if imu is not None:
             parsers[imu] = lambda body: _or_none(parse_imu(self._plain(body)))
@@ -251,13 +283,19 @@ class Aedat4File:
         return compressions.decompress(body, self.compression)
 
     def _iterate_packets(
-        self, file: BinaryIO, parsers: Mapping[int, _Parser], find_events: bool = False
+        self,
+        file: BinaryIO,
+        parsers: Mapping[int, _Parser],
+        find_events: bool = False,
+        counted: Collection[str] = tuple(_UNREAD),
     ) -> Iterator[tuple[int, Message]]:
         """(stream id, message) of every packet that has a taker.
 
-        find_events: the first stream that holds events has one too.
+        find_events: the first stream that holds events has one too; counted: the kinds of streams
+        that are counted in `left_out` where they have none.
         """
         integrity, whole = IntegrityReport(), 0
+        self.left_out = {}
         at, broken, tries = self.packets_at, None, 0
         while at < self.packets_end and tries < MAX_TRIES:
             try:
@@ -276,6 +314,8 @@ class Aedat4File:
             if broken:
                 integrity.corrupt(*broken)
             broken, tries, whole = None, 0, whole + 1
+            if number not in parsers:
+                self._count_unread(number, body, counted)
             if isinstance(message, str):
                 integrity.corrupt(at, message)
             elif message is not None:

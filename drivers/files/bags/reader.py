@@ -7,11 +7,13 @@ import json
 import os
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from evs.drivers.files.aedat4.compression import MAGIC, unpacked
 from evs.drivers.files.aedat4.layout import CorruptDataError
 from evs.drivers.files.bags.database import journal_of, scan_database
 from evs.drivers.files.bags.library import ARRAY, PACKET, TEXT, load
@@ -27,6 +29,7 @@ from evs.drivers.files.bags.messages import (
     parse_array,
     sample_of,
 )
+from evs.drivers.files.bags.parts import UnpackedFile, files_of, whole
 from evs.drivers.files.bags.recorder import STREAM_TOPIC
 from evs.drivers.files.bags.records import (
     MCAP_MAGIC,
@@ -38,10 +41,10 @@ from evs.drivers.files.bags.records import (
     scan_ros1,
 )
 from evs.drivers.files.capabilities import MAX_SIDE_PX
+from evs.drivers.files.formats import PACKED_SUFFIX
 from evs.drivers.files.header_text import stream_from_json
 from evs.drivers.files.integrity import on_sensor
-from evs.drivers.files.paths import existing
-from evs.drivers.files.recording_file import MultiStreamFile
+from evs.drivers.files.recording_file import MultiStreamFile, choose_stream, of_stream
 from evs.drivers.files.time_order import sort_events
 from evs.msgs import (
     Events,
@@ -75,22 +78,50 @@ class BagFile(MultiStreamFile):
 
     ros: int = 2
     topic: str = ""
-    """topic of the events: the first one in the file"""
+    """topic of the events"""
+    paths: list[Path] = field(default_factory=list)
+    """its files, in their order"""
+    scanned: list[Path] = field(default_factory=list)
+    """the same, those that are compressed as a whole decompressed"""
+    unpacked: list[UnpackedFile] = field(default_factory=list)
     time_origin_us: int = 0
 
     @classmethod
-    def at(cls, path: str | os.PathLike[str]) -> BagFile:
+    def at(cls, path: str | os.PathLike[str], stream: str | int | None = None) -> BagFile:
         """Read up to the first packet.
 
-        EvsError: no such file, rosbags is not installed, damaged, no events of a type that we know.
+        Args:
+            path: A file, or the folder of a ROS 2 bag.
+            stream: Topic of the events; None: the first.
+
+        Raises:
+            EvsError: No such file, rosbags is not installed, damaged, no events of a type that we
+                know, or no such topic.
         """
-        found = existing(path)
+        return cls._of(Path(path), files_of(Path(path)), stream)
+
+    def whole(self) -> BagFile:
+        """The bag that begins with this file, where its folder says that it goes on in others."""
+        if self.path.is_dir() or self.ros == 1:
+            return self
+        paths = whole(self.path)
+        return self._of(self.path, paths, self.topic) if len(paths) > 1 else self
+
+    @classmethod
+    def _of(cls, found: Path, paths: list[Path], wanted: str | int | None) -> BagFile:
         load()
         ros = 1 if found.suffix.lower() == ".bag" else 2
-        opened = cls(found, StreamInfo(0, 0), found.stat().st_size, ros=ros)
+        size = sum(one.stat().st_size for one in paths)
+        opened = cls(found, StreamInfo(0, 0), size, ros=ros, paths=paths)
+        for one in paths:
+            if one.name.endswith(PACKED_SUFFIX):
+                opened.unpacked.append(UnpackedFile(one))
+                opened.scanned.append(opened.unpacked[-1].path)
+            else:
+                opened.scanned.append(one)
         try:
-            opened.unfinished = opened._is_unfinished()
-            opened._probe()
+            opened.unfinished = any(map(opened._is_unfinished, opened.scanned))
+            opened._probe(wanted)
         except OSError as reason:
             raise EvsError(f"cannot read {found}: {reason.strerror or reason}") from None
         except CorruptDataError as reason:
@@ -104,26 +135,25 @@ class BagFile(MultiStreamFile):
         auxiliary_parser = _AuxiliaryParser(
             self.topic.rpartition("/")[0], self.stream.camera, self.ros
         )
-        with self.path.open("rb") as file:
-            scan = BagScan(file, self.size)
-            for found in self._bag_messages(scan):
-                self.position = found.at
-                try:
-                    if found.kind in KINDS and (events or self.stream.triggers):
-                        marks: list[Triggers] = []
-                        yield from auxiliary_parser.flush()
-                        for part in self._events_of(found, scan, readers, left_out, marks):
-                            if auxiliary and marks:
-                                merged = np.concatenate(marks)
-                                yield merged[np.argsort(merged["t"], kind="stable")]
-                            marks.clear()
-                            if events and len(part):
-                                yield part
-                    elif auxiliary:
-                        yield from auxiliary_parser.parse(found, left_out)
-                except BadMessageError as reason:
-                    scan.integrity.corrupt(found.at, str(reason))
-            yield from auxiliary_parser.flush()
+        scan = BagScan()
+        for found in self._bag_messages(scan):
+            try:
+                if found.kind in KINDS and (events or self.stream.triggers):
+                    marks: list[Triggers] = []
+                    yield from auxiliary_parser.flush()
+                    for part in self._events_of(found, scan, readers, left_out, marks):
+                        if auxiliary and marks:
+                            merged = np.concatenate(marks)
+                            yield merged[np.argsort(merged["t"], kind="stable")]
+                        marks.clear()
+                        if events and len(part):
+                            yield part
+                elif auxiliary and not self._is_others(found, scan, left_out):
+                    yield from auxiliary_parser.parse(found, left_out)
+            except BadMessageError as reason:
+                scan.integrity.corrupt(found.at, str(reason))
+        yield from auxiliary_parser.flush()
+        self.streams = choose_stream(self.path, _event_topics(scan.kinds), self.topic)
         skipped = sum(reader.skipped for reader in readers.values())
         if skipped:
             left_out["events before the first time stamp"] = skipped
@@ -139,7 +169,7 @@ class BagFile(MultiStreamFile):
     ) -> Iterator[Events]:
         """The sorted events of one message of our topic; its triggers go to `triggers`."""
         if found.topic != self.topic:
-            _count(left_out, "messages with events of other topics")
+            _count(left_out, of_stream("messages with events", found.topic, ""))
             return
         for part in self._decoded(self._parse(found), readers, left_out, triggers):
             events, outside = on_sensor(part, self.stream.width, self.stream.height)
@@ -151,35 +181,46 @@ class BagFile(MultiStreamFile):
                 events = sort_events(events)
             yield events
 
-    def _is_unfinished(self) -> bool:
+    def _is_others(self, found: BagMessage, scan: BagScan, left_out: dict[str, int]) -> bool:
+        """Whether a frame or an IMU sample is of another event camera; it is counted then."""
+        namespace = found.topic.rpartition("/")[0]
+        if found.kind not in _UNREAD or namespace == self.topic.rpartition("/")[0]:
+            return False
+        for topic in _event_topics(scan.kinds):
+            if topic.rpartition("/")[0] == namespace:
+                _count(left_out, of_stream(_UNREAD[found.kind], topic, ""))
+                return True
+        return False
+
+    def _is_unfinished(self, path: Path) -> bool:
         """Whether the end of an MCAP file or the index is missing, or a transaction was cut off."""
-        if self.path.suffix.lower() == ".db3":
-            return journal_of(self.path) is not None
-        with self.path.open("rb") as file:
+        if path.suffix.lower() == ".db3":
+            return journal_of(path) is not None
+        size = path.stat().st_size
+        with path.open("rb") as file:
             if self.ros == 2:
-                file.seek(max(0, self.size - len(MCAP_MAGIC)))
+                file.seek(max(0, size - len(MCAP_MAGIC)))
                 return file.read() != MCAP_MAGIC
             file.seek(len(ROS1_MAGIC))
-            first = next(ros1_file_records(file, self.size), None)
+            first = next(ros1_file_records(file, size), None)
         return first is None or not any(first.fields.get(b"index_pos", b""))
 
-    def _probe(self) -> None:
-        """Find the first events and their stream."""
+    def _probe(self, wanted: str | int | None) -> None:
+        """Find the first events, of this topic if one is wanted, and their stream."""
         stated: dict[str, dict[str, Any]] = {}
         first: Any = None
-        with self.path.open("rb") as file:
-            scan = BagScan(file, self.size)
-            for found in self._bag_messages(scan):
-                if found.kind == TEXT and found.topic.endswith(f"/{STREAM_TOPIC}"):
-                    stated[found.topic] = self._stream_description(found)
-                elif found.kind in KINDS:
-                    with suppress(BadMessageError):
-                        first = self._parse(found)
-                        self.topic = found.topic
-                        break
+        scan = BagScan()
+        for found in self._bag_messages(scan):
+            if found.kind == TEXT and found.topic.endswith(f"/{STREAM_TOPIC}"):
+                stated[found.topic] = self._stream_description(found)
+            elif found.kind in KINDS and str(wanted or found.topic).lower() == found.topic.lower():
+                with suppress(BadMessageError):
+                    first = self._parse(found)
+                    self.topic = found.topic
+                    break
         if first is None:
             # recorded, but nothing was seen
-            self.topic = next((t for t, kind in scan.kinds.items() if kind in KINDS), "")
+            self.topic = next(iter(choose_stream(self.path, _event_topics(scan.kinds), wanted)), "")
         if not self.topic:
             kinds = ", ".join(sorted(set(scan.kinds.values())))[:200] or "nothing"
             kinds = "".join(letter if letter.isprintable() else "?" for letter in kinds)
@@ -205,22 +246,33 @@ class BagFile(MultiStreamFile):
         """Whether any packet holds an external trigger; reads up to the first one."""
         readers: dict[str, PayloadReader] = {}
         marks: list[Triggers] = []
-        with self.path.open("rb") as file:
-            scan = BagScan(file, self.size)
-            for found in self._bag_messages(scan):
-                if found.kind in PACKETS and found.topic == self.topic:
-                    with suppress(BadMessageError):
-                        for _ in self._decoded(self._parse(found), readers, {}, marks):
-                            if marks:
-                                return True
+        for found in self._bag_messages(BagScan()):
+            if found.kind in PACKETS and found.topic == self.topic:
+                with suppress(BadMessageError):
+                    for _ in self._decoded(self._parse(found), readers, {}, marks):
+                        if marks:
+                            return True
         return False
 
     def _bag_messages(self, scan: BagScan) -> Iterator[BagMessage]:
-        """Every message of the bag."""
-        if self.path.suffix.lower() == ".db3":
-            yield from scan_database(self.path, scan)
-        else:
-            yield from (scan_ros1 if self.ros == 1 else scan_mcap)(scan)
+        """Every message of the bag, those that were compressed one by one decompressed."""
+        done = 0
+        for path in self.scanned:
+            if path.suffix.lower() == ".db3":
+                messages = scan_database(path, scan)
+            else:
+                messages = (scan_ros1 if self.ros == 1 else scan_mcap)(path, scan)
+            for found in messages:
+                self.position = min(done + found.at, self.size)
+                # a message of ROS 2 begins with the number of its encoding, 0 or 1
+                if self.ros == 2 and found.data.startswith(MAGIC["zstd"]):
+                    try:
+                        found = dataclasses.replace(found, data=unpacked(found.data, "zstd"))
+                    except CorruptDataError as reason:
+                        scan.integrity.corrupt(found.at, str(reason))
+                        continue
+                yield found
+            done += path.stat().st_size
 
     def _stream_description(self, found: BagMessage) -> dict[str, Any]:
         """The description that our recorder wrote, empty if it cannot be read."""
@@ -261,6 +313,15 @@ class BagFile(MultiStreamFile):
         for begin in range(0, len(data), each):
             piece = data[begin : begin + each]
             yield readers[name].events(piece, int(message.time_base), triggers)
+
+
+_UNREAD = {IMAGE: "frames", SAMPLE: "IMU samples"}
+"""type of a message of a camera that is not read -> what is counted of it"""
+
+
+def _event_topics(kinds: dict[str, str]) -> dict[str, str]:
+    """The topics with events, as event streams."""
+    return {topic: "" for topic, kind in kinds.items() if kind in KINDS}
 
 
 def _declared_auxiliary(kinds: dict[str, str], namespace: str) -> dict[str, Any]:

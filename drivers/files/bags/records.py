@@ -7,6 +7,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import BinaryIO
 
 from evs.drivers.files.aedat4.compression import MAX_BODY_BYTES, expanded
@@ -33,33 +34,35 @@ class BagMessage:
 class BagScan:
     """One pass over a bag; `kinds` grows on the way, `integrity` is complete at the end."""
 
-    file: BinaryIO
-    size: int
-    """bytes of the file"""
     integrity: IntegrityReport = field(default_factory=IntegrityReport)
     kinds: dict[str, str] = field(default_factory=dict)
     """topic -> type, for the topics declared so far"""
 
 
-def scan_mcap(scan: BagScan) -> Iterator[BagMessage]:
+def scan_mcap(path: Path, scan: BagScan) -> Iterator[BagMessage]:
     """Every message of an MCAP file, in the file's order. CorruptDataError: it is not MCAP."""
-    if scan.file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
+    with path.open("rb") as file:
+        yield from _scan_mcap(file, path.stat().st_size, scan)
+
+
+def _scan_mcap(file: BinaryIO, size: int, scan: BagScan) -> Iterator[BagMessage]:
+    if file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
         raise CorruptDataError("it does not begin as MCAP does")
     declared = _McapNames(scan)
     at = len(MCAP_MAGIC)
-    while at < scan.size:
-        scan.file.seek(at)
-        head = scan.file.read(9)
+    while at < size:
+        file.seek(at)
+        head = file.read(9)
         # data end, or the footer: what follows is an index
         if head[:1] in (b"\x0f", b"\x02"):
             return
         length = int.from_bytes(head[1:], "little")
-        if len(head) < 9 or length > scan.size - at - 9:
-            scan.integrity.torn_tail(at, scan.size)
+        if len(head) < 9 or length > size - at - 9:
+            scan.integrity.torn_tail(at, size)
             return
         # what we do not look into is passed over
         if head[0] in _MCAP_READ:
-            yield from declared.messages_in(head[0], scan.file.read(length), at)
+            yield from declared.messages_in(head[0], file.read(length), at)
         at += 9 + length
 
 
@@ -119,9 +122,14 @@ def _mcap_records(records: bytes) -> Iterator[tuple[int, bytes]]:
         at += 9 + length
 
 
-def scan_ros1(scan: BagScan) -> Iterator[BagMessage]:
+def scan_ros1(path: Path, scan: BagScan) -> Iterator[BagMessage]:
     """Every message of a ROS 1 bag, in the file's order. CorruptDataError: it is not a bag."""
-    if scan.file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
+    with path.open("rb") as file:
+        yield from _scan_ros1(file, path.stat().st_size, scan)
+
+
+def _scan_ros1(file: BinaryIO, size: int, scan: BagScan) -> Iterator[BagMessage]:
+    if file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
         raise CorruptDataError("it does not begin as a ROS 1 bag does")
     connections: dict[int, tuple[str, str]] = {}
 
@@ -143,10 +151,10 @@ def scan_ros1(scan: BagScan) -> Iterator[BagMessage]:
             scan.integrity.corrupt(at, f"a record lacks {reason}")
 
     end = len(ROS1_MAGIC)
-    for record in ros1_file_records(scan.file, scan.size):
+    for record in ros1_file_records(file, size):
         yield from messages_in(record.fields, record.data[4:], record.at)
         end = record.end
-    scan.integrity.torn_tail(end, scan.size)
+    scan.integrity.torn_tail(end, size)
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from evs.drivers.files.bags.records import (
     ros1_chunk_records,
     ros1_file_records,
 )
+from evs.drivers.files.formats import PACKED_SUFFIX
 from evs.drivers.files.integrity import Repair
 from evs.drivers.files.paths import target_error
 from evs.msgs import EvsError
@@ -39,6 +40,8 @@ _BAG_HEADER_BYTES = 4096
 
 def repair(path: Path) -> Repair:
     """Cut a torn tail and write the end of the file. EvsError: not a bag, or not writable."""
+    if path.is_dir() or path.name.endswith(PACKED_SUFFIX):
+        raise EvsError(f"{path} is not one plain file: repair the .mcap or .db3 files of the bag")
     file = BagFile.at(path)
     try:
         if path.suffix.lower() == ".db3":

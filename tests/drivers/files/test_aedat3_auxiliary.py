@@ -264,7 +264,7 @@ def test_a_picture_that_is_none_is_damage(tmp_path: Path) -> None:
         head = frame(np.zeros((4, 6)), (10, 40, 20, 30), info=1 | 1 << 31)[:36]
         body = head + struct.pack("<i", len(data)) + data
         path.write_bytes(header("Compressed") + packed(2, 84, 12, 1, body))
-        with pytest.warns(DamagedPacketWarning, match="has no such picture"):
+        with pytest.raises(EvsError, match=r"none of its 1 packets can be read.*no such picture"):
             list(files.messages(path))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +19,7 @@ from evs.drivers.files.aedat4.layout import CorruptDataError
 from evs.drivers.files.bags.messages import array_bytes
 from evs.drivers.files.bags.records import ros1_chunk
 from evs.drivers.files.integrity import DamagedPacketWarning, TornTailWarning
+from evs.launch.main import main
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
 from evs.msgs.codecs import PayloadWriter
 
@@ -52,6 +54,28 @@ def record(path: Path, parts: list[Events], **options: str) -> bytes:
         sink.write(EventPacket(seq, 0, 0, 640, 480, part))
     sink.close()
     return path.read_bytes()
+
+
+def rosbag2_folder(folder: Path, plugin: str, mode: str, send: Callable[[Send], None]) -> None:
+    """A folder of rosbag2's, by rosbags' own writer."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(DEFINITION, PACKET))
+    writer = rosbag2.Writer(folder, version=9, storage_plugin=rosbag2.StoragePlugin[plugin.upper()])
+    if mode != "split":
+        compression = rosbag2.CompressionMode[mode.upper()]
+        writer.set_compression(compression, rosbag2.CompressionFormat.ZSTD)
+    topics: dict[str, Any] = {}
+
+    def write(topic: str, kind: str, t_us: int, said: Any) -> None:
+        if topic not in topics:
+            topics[topic] = writer.add_connection(topic, kind, typestore=store)
+        types = store.types
+        header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](0, 0), "eye")
+        message = types[kind](header=header, height=480, width=640, is_bigendian=False, **said)
+        writer.write(topics[topic], 1000 * t_us, store.serialize_cdr(message, kind))
+
+    with writer:
+        send(write)
 
 
 def foreign(path: Path, compression: str, send: Callable[[Send], None]) -> None:
@@ -133,11 +157,71 @@ def test_the_first_topic_is_read_and_the_others_are_counted(name: str, tmp_path:
         warnings.simplefilter("always")
         list(files.messages(tmp_path / name))
     assert [each.category for each in caught] == [LeftOutWarning] * 2
-    assert files.read(tmp_path / name).tobytes() == join_events(parts[:2]).tobytes()
-    assert files.summary(tmp_path / name).left_out == {
-        "messages with events of other topics": 2,
+    with pytest.warns(LeftOutWarning, match="2 messages with events of stream /right/events"):
+        assert files.read(tmp_path / name).tobytes() == join_events(parts[:2]).tobytes()
+    found = files.summary(tmp_path / name)
+    assert found.left_out == {
+        "messages with events of stream /right/events": 2,
         "packets of encoding 'libcaer_zip'": 1,
     }
+    assert list(found.streams) == ["/left/events", "/right/events"]
+    other = files.summary(tmp_path / name, stream="/right/events")
+    assert (other.events, list(other.streams)) == (100, ["/right/events", "/left/events"])
+    with pytest.raises(EvsError, match="'/up'; choose one of: /left/events, /right/events"):
+        files.read(tmp_path / name, stream="/up")
+
+
+@pytest.mark.parametrize("mode", ["message", "file", "split"])
+@pytest.mark.parametrize("plugin", ["mcap", "sqlite3"])
+def test_every_mode_of_rosbag2_is_read(mode: str, plugin: str, tmp_path: Path) -> None:
+    parts = ticks(6)
+    folder = tmp_path / "bag"
+    for k in range(3 if mode == "split" else 1):
+        send = packets_of(
+            parts[2 * k : 2 * k + 2] if mode == "split" else parts, "evt3", "/e/events"
+        )
+        rosbag2_folder(tmp_path / f"{k}", plugin, mode, send)
+    (tmp_path / "0").rename(folder)
+    suffix = {"mcap": ".mcap", "sqlite3": ".db3"}[plugin]
+    first = folder / f"0{suffix}"
+    if mode == "file":
+        first = folder / f"0{suffix}.zstd"
+        assert not (folder / f"0{suffix}").exists()
+    if mode == "split":
+        # as rosbag2 splits: one folder, its metadata list the files
+        for k in (1, 2):
+            (tmp_path / f"{k}" / f"{k}{suffix}").rename(folder / f"{k}{suffix}")
+        text = (folder / "metadata.yaml").read_text()
+        lines = "".join(f"  - {k}{suffix}\n" for k in range(3))
+        listed = re.sub(r"(relative_file_paths:\n)(\s*- [^\n]*\n)+", rf"\1{lines}", text)
+        (folder / "metadata.yaml").write_text(listed)
+    for path in (folder, first):
+        assert files.read(path).tobytes() == join_events(parts).tobytes()
+    assert main(["info", str(folder)]) == 0
+    assert files.convert(folder, tmp_path / "a.aedat4").events == 300
+    if mode == "split":
+        assert files.read(first, single=True).tobytes() == join_events(parts[:2]).tobytes()
+        assert files.read(folder / f"1{suffix}").tobytes() == join_events(parts[2:4]).tobytes()
+        (folder / "metadata.yaml").unlink()
+        assert files.read(folder).tobytes() == join_events(parts).tobytes()
+
+
+def test_a_bag_of_nothing_but_damage_is_an_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.bag"
+
+    def send(write: Send) -> None:
+        for k in range(3):
+            write("/dvs/events", "dvs_msgs/msg/EventArray", k, bytes(7))
+
+    foreign(path, "", send)
+    out = tmp_path / "b.aedat4"
+    for words in (["info", path], ["convert", path, out], ["view", path], ["play", path, "--fast"]):
+        assert main([str(word) for word in words]) == 2
+        error = capsys.readouterr().err.strip().splitlines()[-1]
+        assert "is damaged: none of its 3 packets can be read" in error
+    assert not out.exists()
 
 
 @pytest.mark.parametrize("name", ["a.mcap", "a.bag"])

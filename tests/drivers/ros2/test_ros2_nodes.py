@@ -86,12 +86,11 @@ def stamp(message: dict[str, Any]) -> int:
 def recorded(file: Path) -> Messages:
     """What a bag holds."""
     found: Messages = {}
-    with file.open("rb") as opened:
-        for one in scan_mcap(BagScan(opened, file.stat().st_size)):
-            if one.kind.startswith("std_msgs"):
-                continue
-            message = typestore(2).deserialize_cdr(one.data, one.kind)
-            found.setdefault(one.topic, []).append(plain(message))
+    for one in scan_mcap(file, BagScan()):
+        if one.kind.startswith("std_msgs"):
+            continue
+        message = typestore(2).deserialize_cdr(one.data, one.kind)
+        found.setdefault(one.topic, []).append(plain(message))
     return found
 
 
