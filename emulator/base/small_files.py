@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import stat
 from pathlib import Path
+from typing import BinaryIO
 
 from evs.msgs import EvsError
 
@@ -34,15 +35,20 @@ def out_of_reach(path: object, reason: OSError) -> EvsError:
     )
 
 
+def open_file(path: Path) -> BinaryIO:
+    """Open a file to read. OSError: as open's; also for pipes and devices."""
+    mode = path.stat().st_mode
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        raise OSError(errno.EINVAL, "it is a pipe or a device; give a file")
+    return path.open("rb")
+
+
 def read_small(path: Path, most: int = MOST_BYTES) -> bytes:
     """A file's bytes. OSError: as open's; also for pipes and devices, and for more than `most`.
 
     A pipe would be waited for, and a device may never end.
     """
-    mode = path.stat().st_mode
-    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
-        raise OSError(errno.EINVAL, "it is a pipe or a device; give a file")
-    with path.open("rb") as file:
+    with open_file(path) as file:
         data = file.read(most + 1)
     if len(data) > most:
         raise OSError(errno.EFBIG, f"it has more than {most} bytes; give another file")

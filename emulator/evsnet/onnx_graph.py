@@ -19,6 +19,7 @@ GraphProto.initializer and a few fields of TensorProto are read; all else is ski
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from typing import Any
 
@@ -172,6 +173,8 @@ _FLOAT32 = 1
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 _MAX_DIMS = 8
 _MAX_SIZE = 2**31
+_MAX_FIELDS = 2**20
+"""fields in a file that are read, and single numbers; the largest network of ours has hundreds"""
 
 
 def initialisers(model: bytes) -> dict[str, F32]:
@@ -181,14 +184,15 @@ def initialisers(model: bytes) -> dict[str, F32]:
         ValueError: Truncated, damaged, weights in another file, no graph. Nothing else is raised,
             whatever the bytes are.
     """
-    graphs = [value for number, value in _read_fields(memoryview(model)) if number == _GRAPH]
+    count = itertools.count()
+    graphs = [v for number, v in _read_fields(memoryview(model), count) if number == _GRAPH]
     if not graphs:
         raise ValueError("it holds no ONNX graph")
     found: dict[str, F32] = {}
     for graph in graphs:
-        for number, value in _read_fields(_part(graph)):
+        for number, value in _read_fields(_part(graph), count):
             if number == _INITIALIZER:
-                name, tensor = _read_tensor(_part(value))
+                name, tensor = _read_tensor(_part(value), count)
                 if name in found:
                     raise ValueError("two of its initialisers have one name")
                 if tensor is not None:
@@ -196,16 +200,16 @@ def initialisers(model: bytes) -> dict[str, F32]:
     return found
 
 
-def _read_tensor(message: memoryview) -> tuple[str, F32 | None]:
+def _read_tensor(message: memoryview, count: Iterator[int]) -> tuple[str, F32 | None]:
     """Name and values of a TensorProto; None: it is not float32."""
-    name, kind, dims, raw, floats = "", 0, [], b"", b""
-    for number, value in _read_fields(message):
+    name, kind, dims, raw, floats = "", 0, [], b"", bytearray()
+    for number, value in _read_fields(message, count):
         if number == _NAME:
             name = bytes(_part(value)).decode("utf-8", "replace")
         elif number == _DATA_TYPE:
             kind = _read_number(value)
         elif number == _DIMS:  # one by one, or packed
-            dims += [value] if isinstance(value, int) else list(_packed(value))
+            dims += [value] if isinstance(value, int) else list(_packed(value, count))
         elif number == _RAW_DATA:
             raw = bytes(_part(value))
         elif number == _FLOAT_DATA:
@@ -214,22 +218,32 @@ def _read_tensor(message: memoryview) -> tuple[str, F32 | None]:
             raise ValueError("its weights are in another file; save it with the weights inside")
     if kind != _FLOAT32:
         return name, None
-    data = raw or floats
-    count = 1
+    data = raw or bytes(floats)
+    elements = 1
     for size in dims:
-        count *= size  # sizes are not negative: they were read as unsigned
-    if len(dims) > _MAX_DIMS or max(dims, default=1) > _MAX_SIZE or len(data) != 4 * count:
+        elements *= size  # sizes are not negative: they were read as unsigned
+    if len(dims) > _MAX_DIMS or max(dims, default=1) > _MAX_SIZE or len(data) != 4 * elements:
         raise ValueError("an initialiser's data is not of its shape")
     values: F32 = np.frombuffer(data, "<f4").astype(np.float32)
     return name, values.reshape(dims)
 
 
-def _read_fields(message: memoryview) -> Iterator[tuple[int, int | memoryview]]:
+def _bound(count: Iterator[int]) -> None:
+    if next(count) >= _MAX_FIELDS:
+        raise ValueError(f"it has more than {_MAX_FIELDS} fields: no network is so large")
+
+
+def _read_fields(
+    message: memoryview, count: Iterator[int]
+) -> Iterator[tuple[int, int | memoryview]]:
     """(field number, value) of each field: a number, or the bytes of a message, text or list."""
     at = 0
     while at < len(message):
+        _bound(count)
         key, at = _read_varint(message, at)
         wire = key & 7
+        if key < 8:
+            raise ValueError("it is damaged, or no ONNX file")
         if wire == _VARINT:
             value, at = _read_varint(message, at)
             yield key >> 3, value
@@ -256,9 +270,10 @@ def _read_varint(message: memoryview, at: int) -> tuple[int, int]:
     raise ValueError("it is truncated, or no ONNX file")
 
 
-def _packed(values: memoryview) -> Iterator[int]:
+def _packed(values: memoryview, count: Iterator[int]) -> Iterator[int]:
     at = 0
     while at < len(values):
+        _bound(count)
         value, at = _read_varint(values, at)
         yield value
 

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.scene import F64
-from evs.emulator.base.small_files import is_file, read_small_text
+from evs.emulator.base.small_files import is_file, open_file, read_small_text
 from evs.emulator.config import SceneConfig
 from evs.emulator.world.model import find, name_of, names_of
 from evs.msgs import EvsError, unknown
@@ -244,7 +244,7 @@ def _read_array(path: Path) -> F64:
         raise ValueError("not a .npy, .npz or .csv file")
     try:
         # opened here: numpy leaves a broken archive open
-        with path.open("rb") as file:
+        with open_file(path) as file:
             loaded = np.load(file, allow_pickle=False)
             packed = [] if isinstance(loaded, np.ndarray) else loaded.zip.infolist()
             if sum(member.file_size for member in packed) > _MOST_BYTES:

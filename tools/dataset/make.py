@@ -14,6 +14,7 @@ from evs.drivers import settings
 from evs.drivers.files import messages, recorder_for, stream_of
 from evs.drivers.pictures import write_png
 from evs.emulator import World
+from evs.emulator.base.small_files import open_file
 from evs.emulator.state.versions import versions
 from evs.emulator.world import digest_of
 from evs.msgs import EvsError, Frame, ImuPacket, TriggerPacket
@@ -259,7 +260,8 @@ def _next(folder: Path, job: Shard, shard_s: float) -> list[Shard]:
         # it exists, so the state with which it began is not needed
         return [following]
     try:
-        state = path.read_bytes()
+        with open_file(path) as file:
+            state = file.read()
     except OSError as reason:
         raise EvsError(
             f"cannot read {path}: {reason.strerror}; remove {path.parents[1]} and give the command "

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from evs.emulator.base.small_files import open_file
 from evs.msgs import EvsError
 
 MANIFEST, SETTINGS = "manifest.json", "settings.json"
@@ -20,7 +21,7 @@ _CHUNK = 1 << 22
 def digest(path: Path) -> str:
     """SHA-256 of a file, hexadecimal."""
     made = hashlib.sha256()
-    with path.open("rb") as file:
+    with open_file(path) as file:
         while data := file.read(_CHUNK):
             made.update(data)
     return made.hexdigest()
@@ -82,7 +83,8 @@ def read_json(path: Path) -> dict[str, Any]:
         EvsError: it does not exist, is damaged, or is another file.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        with open_file(path) as file:
+            data = json.loads(file.read())
     except OSError as reason:
         raise EvsError(
             f"cannot read {path}: {reason.strerror}; is this the folder of a data set that is done?"

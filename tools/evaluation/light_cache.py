@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from evs.emulator.base.scene import F32
+from evs.emulator.base.small_files import open_file
 from evs.emulator.base.user_cache import cache_folder
 from evs.msgs import EvsError
 
@@ -79,7 +80,7 @@ class LightCache:
         if not path.is_file():
             return None
         try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            with open_file(path) as file, np.load(file, allow_pickle=False) as archive:
                 light = archive["light"]
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
             light = np.zeros(0)

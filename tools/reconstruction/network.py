@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.base.scene import F32, F64
+from evs.emulator.base.small_files import open_file
 from evs.emulator.evsnet.session import one_line, open_session
 from evs.msgs import EVENT_DTYPE, Events, EvsError
 from evs.tools.reconstruction.voxels import normalised, voxel_grid
@@ -119,7 +120,8 @@ def read_video_network(
     """
     try:
         size = path.stat().st_size
-        graph = path.read_bytes() if size <= MAX_BYTES else b""
+        with open_file(path) as file:
+            graph = file.read() if size <= MAX_BYTES else b""
     except OSError as reason:
         raise EvsError(f"cannot read the network {path}: {reason.strerror}") from None
     if not graph:

@@ -16,6 +16,7 @@ import numpy as np
 
 from evs.drivers.run.config import PipelineConfig
 from evs.emulator.base.scene import F32
+from evs.emulator.base.small_files import read_small_text
 from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.sensor import resolve_sensor
 from evs.emulator.world import digest_of
@@ -320,7 +321,7 @@ class ErrorsJob:
     def read(self, target: Path) -> list[Accuracy | str]:
         """Read the file that `make` wrote: errors, or why there is none."""
         found: list[Accuracy | str] = []
-        for line in (target / self.name).read_text(encoding="utf-8").splitlines():
+        for line in read_small_text(target / self.name).splitlines():
             data = json.loads(line)
             if "left_out" in data:
                 found.append(str(data["left_out"]))

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from evs.drivers.run.report import write_whole
+from evs.emulator.base.small_files import open_file
 from evs.msgs import EvsError
 from evs.tools.sweep.record import SweepRecord, merged
 
@@ -135,7 +136,8 @@ def read_sweep(path: Path) -> tuple[SweepHeader, list[SweepRecord]]:
 def _read(path: Path) -> tuple[SweepHeader, list[SweepRecord], int]:
     """(header, records line by line, bytes of all whole lines)."""
     try:
-        data = path.read_bytes()
+        with open_file(path) as file:
+            data = file.read()
     except OSError as reason:
         raise EvsError(f"cannot read '{path}': {reason.strerror}") from None
     lines = list(_whole_lines(data))

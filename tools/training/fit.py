@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from evs.drivers.clock import monotonic_s
+from evs.emulator.base.small_files import open_file
 from evs.emulator.evsnet import NetworkWeights
 from evs.msgs import EvsError
 from evs.tools.training.calibration import Calibration
@@ -98,7 +99,7 @@ class Checkpoint:
         shape = jax.tree.structure((self.parameters, self.optimiser, self.best))
         mine = jax.tree.leaves((self.parameters, self.optimiser, self.best))
         try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            with open_file(path) as file, np.load(file, allow_pickle=False) as archive:
                 stored = json.loads(str(archive["told"][()]))
                 leaves = [archive[f"leaf{i}"] for i in range(len(mine))]
                 sums = [archive[name] for name in ("predicted", "true", "integral", "loss")]

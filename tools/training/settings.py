@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from evs.emulator.base.small_files import read_small_text
 from evs.msgs import EvsError
 
 if TYPE_CHECKING:
@@ -150,7 +151,7 @@ def read_settings(folder: Path) -> DataSettings:
     """
     path = folder / SETTINGS_FILE
     try:
-        plain = json.loads(path.read_text(encoding="utf-8"))
+        plain = json.loads(read_small_text(path))
     except (FileNotFoundError, NotADirectoryError):
         raise EvsError(
             f"no training data in '{folder}': make some with evs train data {folder}"

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.scene import F32, U8
+from evs.emulator.base.small_files import open_file
 from evs.msgs import EvsError
 from evs.tools.training.settings import HEIGHT, WHITE_DN, WIDTH, Variant, read_settings, variants_of
 
@@ -167,7 +168,7 @@ def _opened(path: Path) -> Iterator[Any]:
     """Open an archive; any error while the block runs becomes one line."""
     try:
         # numpy leaves a file open that it opened itself and found damaged
-        with path.open("rb") as file:
+        with open_file(path) as file:
             archive = np.load(file, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise ValueError("it is no .npz file")

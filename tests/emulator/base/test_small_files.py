@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from evs.emulator.base.small_files import read_small
+from evs.emulator.base.small_files import open_file, read_small
 from evs.emulator.world import controls
 from evs.emulator.world.controls import read_controls
 from evs.msgs import EvsError
+from evs.tools.dataset.manifest import MANIFEST, read_json
+from evs.tools.sweep.store import read_sweep
+from evs.tools.training.settings import SETTINGS_FILE, DataSettings, claim_folder, read_settings
+from evs.tools.training.shards import read_shard
 
 pytestmark = pytest.mark.extremes
 
@@ -51,6 +57,29 @@ def test_files_that_settings_name_are_regular_ones(what: str, tmp_path: Path) ->
     lines = done.stdout.splitlines()
     assert len(lines) == 3, done.stderr
     assert all("it is a pipe or a device" in line and what in line for line in lines)
+
+
+def test_pipes_in_folders_of_data_are_not_waited_for(tmp_path: Path) -> None:
+    for name in (SETTINGS_FILE, "00000.npz", MANIFEST, "a.jsonl", "light.npz"):
+        os.mkfifo(tmp_path / name)
+    readers: list[Callable[[], object]] = [
+        lambda: read_settings(tmp_path),
+        lambda: claim_folder(tmp_path, DataSettings()),
+        lambda: read_shard(tmp_path / "00000.npz"),
+        lambda: read_json(tmp_path / MANIFEST),
+        lambda: read_sweep(tmp_path / "a.jsonl"),
+        lambda: open_file(tmp_path / "light.npz"),
+    ]
+    # a reader that waits is ended by the alarm, not by the patience of the suite
+    before = signal.signal(signal.SIGALRM, lambda *_: pytest.fail("it waits for the pipe"))
+    try:
+        for read in readers:
+            signal.alarm(5)
+            with pytest.raises((EvsError, OSError), match=r"pipe or a device|cannot read"):
+                read()
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 @pytest.mark.parametrize("what", ["/dev/zero", "pipe"])

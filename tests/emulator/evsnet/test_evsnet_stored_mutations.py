@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from evs.emulator.evsnet import onnx_graph
 from evs.emulator.evsnet.network_files import read_network
 from evs.emulator.evsnet.onnx_graph import initialisers, streaming_graph
 from evs.msgs import EvsError
@@ -93,3 +94,29 @@ def test_every_truncation() -> None:
         part, _ = outcome(lambda end=end: initialisers(GRAPH[:end]), ValueError)
         # only what came after the graph may be gone
         assert part is None or part.keys() == whole.keys()
+
+
+def part(field: int, content: bytes) -> bytes:
+    """A field of wire type 2 whose length takes three bytes."""
+    size = len(content)
+    length = bytes([size & 0x7F | 0x80, size >> 7 & 0x7F | 0x80, size >> 14])
+    return bytes([field << 3 | 2]) + length + content
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        (bytes(50 * 2**20), "it is damaged, or no ONNX file"),
+        (b"\x08\x00" * 20_000, "more than 1000 fields"),
+        (part(7, b"\x0a\x00" * 20_000), "more than 1000 fields"),
+        (part(7, part(5, b"\x25\0\0\0\0" * 20_000)), "more than 1000 fields"),
+        (part(7, part(5, part(1, bytes(20_000)))), "more than 1000 fields"),
+        (part(7, part(5, part(8, b"n")) * 2000), "more than 1000 fields"),
+    ],
+    ids=["zeros", "fields", "nodes", "floats one by one", "sizes", "tensors"],
+)
+def test_megabytes_of_nothing_are_refused_early(
+    data: bytes, says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(onnx_graph, "_MAX_FIELDS", 1000)
+    assert says in outcome(lambda: initialisers(data), ValueError)[1]
