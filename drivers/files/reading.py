@@ -84,8 +84,8 @@ class AuxiliaryData:
 class Recording(np.ndarray[Any, np.dtype[np.void]]):
     """The events of a recording, (n,) EVENT_DTYPE in the order recorded, with their stream.
 
-    It is an ordinary structured array (`recording["t"]`, slices, masks). Slices, masks and copies
-    keep `.stream`, `.frames`, `.imu` and `.triggers`.
+    It is an ordinary structured array. Slices, masks and copies keep `.stream`, `.frames`, `.imu`
+    and `.triggers`; its columns (`recording["t"]`) are plain NumPy arrays that share its memory.
     """
 
     stream: StreamInfo
@@ -106,6 +106,12 @@ class Recording(np.ndarray[Any, np.dtype[np.void]]):
             value = getattr(parent, name, None)
             if value is not None:
                 setattr(self, name, value)
+
+    def __getitem__(self, key: Any) -> Any:
+        found = super().__getitem__(key)
+        # of a column, mean() and the like are plain numbers
+        is_column = isinstance(found, Recording) and found.dtype != EVENT_DTYPE
+        return found.view(np.ndarray) if is_column else found
 
     def _repr_html_(self) -> str:
         if self.dtype != EVENT_DTYPE or self.ndim != 1:

@@ -102,7 +102,7 @@ def test_a_recording_and_its_parts(tmp_path: Path) -> None:
     for part in (every[:1], every[:0], every[::-1], every[every["p"] == 1]):
         Balanced(part._repr_html_())
     # a column is no recording: as text
-    assert Balanced(every["t"]._repr_html_()).words[0].startswith("Recording(")
+    assert Balanced(every.reshape(1, -1)._repr_html_()).words[0].startswith("Recording(")
 
 
 def test_a_camera_shows_events_over_light() -> None:

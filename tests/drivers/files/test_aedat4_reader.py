@@ -298,6 +298,12 @@ def test_a_recording_is_an_array_that_knows_its_stream(tmp_path: Path) -> None:
     assert recording[3:7].stream == STREAM
     assert recording[recording["p"] == 1].stream == STREAM
     assert recording.copy().stream == STREAM
+    # columns are plain, and so is what NumPy makes of them
+    share = (recording["p"] > 0).mean()
+    assert round(share, 3) == round(float(np.mean(np.asarray(recording)["p"] > 0)), 3)
+    assert {type(recording["t"]), type(recording[["t", "x"]])} == {np.ndarray}
+    assert {type(recording["t"].max()), type(np.median(recording["x"]))} == {np.int64, np.float64}
+    assert np.shares_memory(recording["t"], recording)
     assert recording["t"].tolist() == whole(range(5))["t"].tolist()
     assert recording.flags.writeable
 
