@@ -34,12 +34,15 @@ from evs.msgs import (
     empty_events,
     empty_imu,
     empty_triggers,
+    make_events,
 )
 from evs.msgs.pictures import event_facts, event_frame, html_card
 from evs.msgs.registry import load
 
 SHOWN_US, RATE_INTERVALS = 20_000, 100
-"""of a recording in a notebook: the time of the events in the picture, the points of the curve"""
+SHOWN_SIDE_PX = 4096
+"""of a recording in a notebook: the time of the events in the picture, the points of the curve, the
+longest side of the picture"""
 
 
 class AuxiliaryData:
@@ -126,7 +129,17 @@ class Recording(np.ndarray[Any, np.dtype[np.void]]):
         middle_us = int(self["t"][len(self) // 2]) if len(self) else 0
         shown = np.abs(self["t"] - middle_us) <= SHOWN_US // 2
         facts["picture"] = f"{SHOWN_US // 1000} ms around {middle_us:,} us"
-        picture = event_frame(self[shown], stream.width, stream.height)
+        events = np.asarray(self[shown])
+        each_px = 1 + (max(stream.width, stream.height) - 1) // SHOWN_SIDE_PX
+        if each_px > 1:
+            events = make_events(
+                *(
+                    events[name] // by
+                    for name, by in zip("txyp", (1, each_px, each_px, 1), strict=True)
+                )
+            )
+            facts["picture"] += f", a pixel for {each_px} x {each_px}"
+        picture = event_frame(events, -(-stream.width // each_px), -(-stream.height // each_px))
         sorted_times = len(self) and bool((np.diff(self["t"]) >= 0).all())
         rates = (np.asarray(self), RATE_INTERVALS) if sorted_times else None
         return html_card(f"Recording of {stream.camera}", facts, picture, rates)
@@ -404,6 +417,15 @@ def recorder_for(
 def opened(path: AnyPath, **options: Unpack[ReadOptions]) -> RecordingFile:
     """Open a recording and read its header. Arguments and errors as of `read`."""
     return open_recording(path, **options)
+
+
+def origin_us(file: RecordingFile) -> int:
+    """The time from which users count in a recording: the whole ms before its first event, us.
+
+    Its stamps may be those of a camera's clock, or Unix time. 0 without events.
+    """
+    first = next(file.events(), None)
+    return 0 if first is None else (int(first["t"][0]) - 1) // 1000 * 1000
 
 
 def parts(path: AnyPath) -> list[Path]:

@@ -21,7 +21,7 @@ class EventSlices(Sequence[Any]):
     """Slices of one or more recordings, one after another; no slice spans two of them.
 
         slices = evs.EventSlices("run.aedat4", span_us=20_000)
-        slices[3]                       # the events of 60 to 80 ms, a view
+        slices[3]                       # the events of 60 to 80 ms after the first, a view
 
     It has a length and an index, so PyTorch's DataLoader takes it as it is, with any number of
     workers. Nothing is copied: a slice is a view of its recording. The last slice of a recording is
@@ -41,8 +41,8 @@ class EventSlices(Sequence[Any]):
 
         Args:
             recordings: Recordings or their files, which are read now.
-            span_us: Length of a slice, us. The first begins with the stream, or with the first
-                event if that is earlier; slices without events count.
+            span_us: Length of a slice, us. The first begins with the recording's first event;
+                slices without events count.
             count: Instead: events of a slice.
             step: From the begin of a slice to that of the next, in us or in events; None: slices
                 follow each other without overlap.
@@ -87,7 +87,7 @@ class EventSlices(Sequence[Any]):
                 "the recording's events are not in order of time: sort it, as in "
                 'recording[recording["t"].argsort(kind="stable")]'
             )
-        begin = min(recording.stream.start_us, int(t[0])) if self._by_time else 0
+        begin = int(t[0]) if self._by_time else 0
         length = int(t[-1]) - begin if self._by_time else len(t)
         return begin, max(0, (length - self._size) // self._step + 1)
 

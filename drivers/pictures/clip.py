@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from evs.drivers.pictures.frame import events_between, upscale, whole_factor
+from evs.drivers.pictures.image_files import check_size
 from evs.drivers.pictures.playback import Playback, speed_words
 from evs.drivers.pictures.text_lines import TextLine, legend_line, paste, side_by_side, text_line
 from evs.msgs import Events
@@ -58,6 +59,7 @@ def clip_frames(
         max(width * factor, 2 * margin + max(clock_px + size_px + speed.width, legend.width))
     )
     page_height = _even(height * factor + margin + 2 * legend.height)
+    check_size(page_height, page_width)
     for begin_us, end_us in playback.windows():
         page = np.full((page_height, page_width, 3), PAPER, np.uint8)
         shown = events_between(events, begin_us, end_us)

@@ -34,8 +34,8 @@ MAX_GIF_FRAMES = 6000
 MAX_FRAMES = {".gif": MAX_GIF_FRAMES, ".mp4": 360_000}
 """Of a film: an hour of events at the usual quarter of real time and 25 fps, as .mp4."""
 
-MAX_SIDE_PX = 16384
-"""No picture is wider or higher."""
+MAX_SIDE_PX, MAX_AREA_PX = 16384, 1 << 26
+"""No picture is wider or higher, or has more pixels."""
 
 
 def suffix_of(path: Path) -> str:
@@ -57,7 +57,7 @@ def write_png(path: Path, picture: U8, few_colours: bool = False) -> None:
     Raises:
         EvsError: The picture is too large, or the file cannot be written.
     """
-    check_size(picture)
+    check_size(*picture.shape[:2])
     image = Image.fromarray(picture)
     if few_colours:
         image = image.quantize(256, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
@@ -98,7 +98,7 @@ def gif_palette() -> list[int]:
 
 def _indexed(frame: U8) -> Image.Image:
     """A picture of greys, ON_RGB and OFF_RGB as palette indices."""
-    check_size(frame)
+    check_size(*frame.shape[:2])
     indices = np.rint(frame[:, :, 1] * ((GREY_LEVELS - 1) / 255)).astype(np.uint8)
     coloured = (frame[:, :, 0] != frame[:, :, 2]) | (frame[:, :, 0] != frame[:, :, 1])
     blue = frame[:, :, 2] > frame[:, :, 0]
@@ -109,12 +109,21 @@ def _indexed(frame: U8) -> Image.Image:
     return image
 
 
-def check_size(picture: U8) -> None:
-    """EvsError where a side is longer than MAX_SIDE_PX."""
-    if max(picture.shape[:2]) > MAX_SIDE_PX:
+def check_size(height: int, width: int) -> None:
+    """Check the size of a picture before it is made.
+
+    Args:
+        height: Of the picture, px.
+        width: Of the picture, px.
+
+    Raises:
+        EvsError: A side is longer than MAX_SIDE_PX, or there are more pixels than MAX_AREA_PX.
+    """
+    if max(height, width) > MAX_SIDE_PX or height * width > MAX_AREA_PX:
         raise EvsError(
-            f"the picture would be {picture.shape[1]} x {picture.shape[0]} px "
-            f"(most: {MAX_SIDE_PX} a side): give a smaller --scale"
+            f"the picture would be {width} x {height} px (most: {MAX_SIDE_PX} a side, "
+            f"{MAX_AREA_PX} in all): give a smaller --scale, or see `evs info` for the sensor's "
+            "size, which is that of the farthest events where the file states none"
         )
 
 
@@ -170,7 +179,7 @@ def write_mp4(path: Path, frames: Iterable[U8], fps: float) -> None:
     ffmpeg = need_video()
     pictures = iter(frames)
     first = next(pictures)
-    check_size(first)
+    check_size(*first.shape[:2])
     with Writing(path), tempfile.TemporaryFile() as messages:
         process = subprocess.Popen(
             _command(ffmpeg, path, first, fps),

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.drivers.pictures.frame import count_polarities, upscale, whole_factor
+from evs.drivers.pictures.image_files import check_size
 from evs.drivers.pictures.text_lines import TextLine, legend_line, paste, text_line
 from evs.msgs import Events
 from evs.msgs.pictures import FAINT, PAPER, U8, event_frame
@@ -61,6 +62,7 @@ def preview(
         columns * cell_width + (columns + 1) * gap, 2 * gap + max(line.width for line in footer)
     )
     page_height = rows * (cell_height + gap) + 2 * gap + sum(line.height for line in footer)
+    check_size(page_height, page_width)
     page = np.full((page_height, page_width, 3), PAPER, np.uint8)
     for index, (shot, lines) in enumerate(zip(shots, captions, strict=True)):
         left = gap + index % columns * (cell_width + gap) + (cell_width - panel_width) // 2

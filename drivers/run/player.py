@@ -42,8 +42,9 @@ class Player:
             file: The recording.
             sinks: Where it goes, not open yet.
             pacer: What each message waits for.
-            start_us: Messages up to here are left out, us of the recording; None: from the first.
-            stop_us: Messages after this are left out, us of the recording; None: to the last.
+            start_us: Messages up to here are left out, us from the first event (`files.origin_us`);
+                None: from the first.
+            stop_us: Messages after this are left out, likewise; None: to the last.
             rounds: How often it is played; 0: until it is stopped. Time goes on: each round
                 begins where the one before ended.
             reading: How the recording is read: options of `files.read`.
@@ -55,6 +56,7 @@ class Player:
             raise EvsError(f"{rounds} rounds are not possible: give 1 or more, or 0 for no end")
         self._start_us = -math.inf if start_us is None else start_us
         self._stop_us = math.inf if stop_us is None else stop_us
+        self._is_part = start_us is not None or stop_us is not None
         if not self._start_us < self._stop_us:
             raise EvsError(
                 f"nothing lies between {self._start_us} us and {self._stop_us} us: give a later "
@@ -78,7 +80,12 @@ class Player:
         Raises:
             EvsError: The recording cannot be read, has nothing in the part, or a sink failed.
         """
-        stream = files.opened(self._file, **self._reading).stream
+        opened = files.opened(self._file, **self._reading)
+        stream = opened.stream
+        if self._is_part:
+            # once: play may be called again
+            origin_us, self._is_part = files.origin_us(opened), False
+            self._start_us, self._stop_us = self._start_us + origin_us, self._stop_us + origin_us
         self._sinks.open([stream])
         begun()
         later_us = 0
@@ -97,7 +104,8 @@ class Player:
                 self._count(message)
             if begin_us is None:
                 raise EvsError(
-                    f"{self._file} has nothing in this part: see `evs info` for its times"
+                    f"{self._file} has nothing in this part: --start and --stop count from its "
+                    "first event, and `evs info` gives its length"
                 )
             later_us += end_us - begin_us
             self.played["rounds"] += 1

@@ -49,10 +49,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--start",
         type=float,
         metavar="S",
-        help="start time in the recording, s (default: its first)",
+        help="start, s after the first event (default: the first message)",
     )
     parser.add_argument(
-        "--stop", type=float, metavar="S", help="end time in the recording, s (default: its last)"
+        "--stop", type=float, metavar="S", help="end, s after the first event (default: the last)"
     )
     parser.add_argument(
         "--rounds",

@@ -6,6 +6,7 @@ import argparse
 import math
 import sys
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from evs.drivers.files.formats import ReadOptions
     from evs.drivers.files.reading import Recording
     from evs.drivers.pictures import Playback
+    from evs.msgs.pictures import U8
 
 EPILOG = """\
 examples:
@@ -27,7 +29,7 @@ examples:
   evs view --live tcp://127.0.0.1:5560 -o live.rrd   to a file for Rerun's viewer
   evs view --web tcp://127.0.0.1:5560                live, as a page in a browser
   evs view --live tcp://127.0.0.1:5560 --rerun-web   Rerun's viewer in a browser of this machine
-blue: brighter (ON), red: darker (OFF). Times are the stream's own, in seconds."""
+blue: brighter (ON), red: darker (OFF). Times are seconds after the recording's first event."""
 
 MAX_SCALE = 64
 """largest --scale"""
@@ -52,8 +54,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add(
         "--speed", metavar="X", type=float, help="speed of the film: 1 is real time, 0.25 a quarter"
     )
-    add("--start", metavar="S", type=float, help="start time (default: the first event)")
-    add("--stop", metavar="S", type=float, help="end time (default: the last event)")
+    add("--start", metavar="S", type=float, help="start, s after the first event")
+    add("--stop", metavar="S", type=float, help="end, s after the first event")
     add("--scale", metavar="N", type=int, help="picture pixels per sensor pixel (default: by size)")
     add_reading_options(parser)
     live_view = parser.add_argument_group("live")
@@ -121,7 +123,7 @@ def run(args: argparse.Namespace) -> int:
         raise EvsError(
             "--sketch, --rerun-web, --points, --camera, --timeout and keys belong to --live ADDRESS"
         )
-    from evs.drivers.pictures import need_video, suffix_of
+    from evs.drivers.pictures import need_video, span_us, suffix_of
 
     # refuse bad words before anything is read
     out = Path(args.out) if args.out else Path(f"{args.file}.png")
@@ -131,11 +133,14 @@ def run(args: argparse.Namespace) -> int:
     if args.scale is not None and not 1 <= args.scale <= MAX_SCALE:
         raise EvsError(f"--scale is {args.scale}: give a whole number from 1 to {MAX_SCALE}")
     recording = _read(args.file, reading_options(args))
+    # a camera's clock or Unix time would make --start and the captions unreadable
+    origin_us, _ = span_us(recording)
+    recording["t"] -= origin_us
     playback = _playback(args, recording)
     if suffix == ".png":
-        shown = _still(out, recording, playback, args.scale, Path(args.file).name)
+        shown = _still(out, recording, origin_us, playback, args.scale, Path(args.file).name)
     else:
-        shown = _film(out, suffix, recording, playback, args.scale)
+        shown = _film(out, suffix, recording, origin_us, playback, args.scale)
     print(f"{out}: {shown}, {out.stat().st_size / 1e6:.2f} MB")
     return 0
 
@@ -168,8 +173,8 @@ def _playback(args: argparse.Namespace, events: Events) -> Playback:
     stop_us = last_us if args.stop is None else _us("--stop", args.stop, 1e6)
     if start_us >= last_us or stop_us <= first_us:
         raise EvsError(
-            f"{args.file} has events from {first_us / 1e6:g} s to {last_us / 1e6:g} s: "
-            "choose --start and --stop in there"
+            f"{args.file} lasts {last_us / 1e6:g} s from its first event on: choose --start and "
+            "--stop in there"
         )
     window_us = None if args.window is None else _us("--window", args.window, 1e3)
     values = {"fps": args.fps, "speed": args.speed, "window_us": window_us}
@@ -184,13 +189,17 @@ def _us(option: str, value: float, unit_us: float) -> int:
 
 
 def _still(
-    out: Path, recording: Recording, playback: Playback, scale: int | None, title: str
+    out: Path,
+    recording: Recording,
+    origin_us: int,
+    playback: Playback,
+    scale: int | None,
+    title: str,
 ) -> str:
     from evs.drivers.pictures import (
         Shot,
         events_between,
         preview,
-        recorded_light,
         shot_times,
         write_png,
     )
@@ -199,8 +208,7 @@ def _still(
     window_us = end_us - begin_us
     times = shot_times(playback.start_us, playback.stop_us)
     stream = recording.stream
-    light = recorded_light(recording.frames, stream.width, stream.height)
-    behind = (lambda _t_us: None) if light is None else light.at
+    behind = _behind(recording, origin_us) or (lambda _t_us: None)
     shots = [
         Shot(t, window_us, events_between(recording, t - window_us, t), behind(t)) for t in times
     ]
@@ -211,13 +219,17 @@ def _still(
 
 
 def _film(
-    out: Path, suffix: str, recording: Recording, playback: Playback, scale: int | None
+    out: Path,
+    suffix: str,
+    recording: Recording,
+    origin_us: int,
+    playback: Playback,
+    scale: int | None,
 ) -> str:
     from evs.drivers.pictures import (
         MAX_FRAMES,
         clip_frames,
         events_between,
-        recorded_light,
         speed_words,
         write_gif,
         write_mp4,
@@ -232,14 +244,21 @@ def _film(
             f"{where}show less (--start, --stop) or faster (--speed){other}"
         )
     stream = recording.stream
-    light = recorded_light(recording.frames, stream.width, stream.height)
-    behind = None if light is None else light.at
+    behind = _behind(recording, origin_us)
     frames = clip_frames(recording, stream.width, stream.height, playback, scale, behind)
     if suffix == ".gif":
         write_gif(out, frames, playback)
     else:
         write_mp4(out, frames, playback.fps)
     return f"{count} frames, {count / playback.fps:.2f} s at {speed_words(playback.speed)}"
+
+
+def _behind(recording: Recording, origin_us: int) -> Callable[[int], U8 | None] | None:
+    """The light behind the events at a time after the first event; None: there are no frames."""
+    from evs.drivers.pictures import recorded_light
+
+    light = recorded_light(recording.frames, recording.stream.width, recording.stream.height)
+    return None if light is None else lambda t_us: light.at(t_us + origin_us)
 
 
 def _silence(events: Events) -> str:

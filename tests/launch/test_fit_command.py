@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import tomllib
+import tracemalloc
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -73,3 +75,19 @@ def test_what_it_refuses_is_one_line(folder: Path, capsys, words: list[str], wha
     error = capsys.readouterr().err
     assert what in error
     assert error.count("\n") == 1
+
+
+def test_a_long_pause_takes_no_memory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "gap.npz"
+    random = np.random.default_rng(1)
+    t = np.cumsum(random.integers(1, 75, 3000))
+    t[1500:] += 10**12
+    x, y, p = (random.integers(0, size, len(t)) for size in (64, 48, 2))
+    np.savez(path, t=t, x=x, y=y, p=p)
+    for words, code in (([str(path)], 0), (["--ramp", str(path), "--contrast", "4"], 2)):
+        tracemalloc.start()
+        assert main(["fit", *words, "--unit", "us"]) == code
+        _, most = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert most < 50 << 20
+    assert "too long to find the period of the light: give --period" in capsys.readouterr().err

@@ -110,6 +110,15 @@ def test_a_part_is_cut_to_the_microsecond(recording: Path, tmp_path: Path) -> No
     assert len(part.imu) == 19
 
 
+def test_a_part_of_a_recording_in_unix_time(recording: Path, tmp_path: Path) -> None:
+    unix_us, moved, path = 1_690_000_000_000_000, tmp_path / "unix.npz", tmp_path / "a.npz"
+    t = EVERY["t"] + unix_us
+    np.savez(moved, t=t, x=EVERY["x"], y=EVERY["y"], p=EVERY["p"])
+    assert play(moved, *into(path, "npz"), "--start", "0.0105", "--stop", "0.02") == 0
+    inside = (EVERY["t"] > 10_500) & (EVERY["t"] <= 20_000)
+    assert np.array_equal(files.read(path)["t"], t[inside])
+
+
 def later(events: Events, by_us: int) -> Events:
     moved = events.copy()
     moved["t"] += by_us

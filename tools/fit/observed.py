@@ -15,6 +15,9 @@ F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
+MAX_PIXELS = 1 << 26
+"""of a sensor: several arrays of this many numbers are made"""
+
 FEWEST = 2
 """events of a recording that tells anything"""
 
@@ -46,6 +49,11 @@ class Observed:
 
     def __post_init__(self) -> None:
         events = np.asarray(self.events)
+        if self.width * self.height > MAX_PIXELS:
+            raise EvsError(
+                f"{self.source}: its sensor has {self.width} x {self.height} px, more than any; a "
+                "damaged event may lie far outside"
+            )
         if len(events) < FEWEST:
             count = "no events" if not len(events) else f"{len(events)} event"
             raise EvsError(f"{self.source} has {count}; record some seconds with the camera on")

@@ -11,6 +11,8 @@ from evs.msgs import EvsError
 from evs.tools.fit.observed import F64, I64, Observed
 
 BIN_US = 500
+MAX_BINS = 1 << 25
+"""4.7 hours"""
 FEWEST_PERIODS = 3
 LEAST_SHARE = 0.3
 """of the variance of the light that the period must explain"""
@@ -51,6 +53,11 @@ def find_period_s(seen: Observed) -> float:
 def _rate(seen: Observed) -> F64:
     """ON less OFF events in bins of BIN_US."""
     place = ((seen.events["t"] - seen.events["t"][0]) // BIN_US).astype(np.int64)
+    if int(place[-1]) >= MAX_BINS:
+        raise EvsError(
+            f"{seen.source} lasts {int(place[-1]) * BIN_US * 1e-6:.0f} s, too long to find the "
+            "period of the light: give --period, or cut it"
+        )
     sign = np.where(seen.on, 1.0, -1.0)
     return np.asarray(np.bincount(place, sign), np.float64)
 

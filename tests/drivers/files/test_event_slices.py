@@ -39,7 +39,7 @@ def test_slices_are_what_masks_say(
     step = step or size
     expected = []
     if by_time and len(events):
-        begin = 0
+        begin = int(events["t"][0])
         while begin + size <= events["t"][-1]:
             expected.append(events[(events["t"] >= begin) & (events["t"] < begin + size)])
             begin += step
@@ -76,7 +76,7 @@ def test_several_recordings_and_encoders(tmp_path: Path) -> None:
         encode=lambda events, interval: evs.voxel_grid(events, 3, (30, 20), interval),
     )
     assert len(slices) == 4 + 2
-    assert [slices.events(place)[1][0] for place in range(6)] == [0, 20, 40, 60, 0, 20]
+    assert [slices.events(place)[1][0] for place in range(6)] == [1, 21, 41, 61, 1, 21]
     for place in range(6):
         events, interval = slices.events(place)
         assert slices[place].shape == (3, 20, 30)
@@ -103,6 +103,13 @@ def test_several_recordings_and_encoders(tmp_path: Path) -> None:
 def test_what_cannot_be_is_one_line(options: dict[str, Any], message: str) -> None:
     with pytest.raises(EvsError, match=message):
         evs.EventSlices(recording(range(100)), **options)
+
+
+def test_unix_time_makes_no_more_slices() -> None:
+    stamps = np.arange(0, 150_000, 100)
+    slices = evs.EventSlices(recording(1_690_000_000_000_000 + stamps), span_us=50_000)
+    assert [len(one) for one in slices] == [500, 500]
+    assert slices.events(1)[1] == (1_690_000_000_050_000, 1_690_000_000_100_000)
 
 
 def test_ends_and_disorder() -> None:
