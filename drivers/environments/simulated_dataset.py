@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.run.paths import in_package
 from evs.drivers.run.sensor_ranges import read_ranges, split_ranges
 from evs.emulator import Worlds
+from evs.emulator.base.package_paths import in_package
 from evs.emulator.base.scene import GroundTruth
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.config.plain_values import plain_integer
@@ -166,7 +166,7 @@ class SimulatedDataset:
             self._scene: Any = scene
         else:
             # loaded once, so that all processes have the same
-            self._scene = load_model(in_package(str(scene)) if _is_path(scene) else scene)
+            self._scene = load_model(scene)
         self._tick_us, self._control, self._keyframe = tick_us, control, keyframe
         several = [cameras] if isinstance(cameras, str | CameraConfig) else [*cameras]
         if not several:
@@ -515,7 +515,3 @@ def _at_least(least: int, value: Any, name: str, most: int = 2**31 - 1) -> int:
     if not least <= whole <= most:
         raise EvsError(f"{name} is {whole}: give {least} ... {most}")
     return whole
-
-
-def _is_path(scene: Any) -> bool:
-    return isinstance(scene, str | Path)

@@ -14,9 +14,9 @@ from evs.drivers.gym.event_observations import StepEvents, make_event_observatio
 from evs.drivers.gym.library import gymnasium
 from evs.drivers.gym.task import Reward, Task, random_unchanged_on_error, sized
 from evs.drivers.pictures import upscale
-from evs.drivers.run.paths import in_package
 from evs.drivers.run.sensor_ranges import read_ranges, split_ranges
 from evs.emulator import Loop, Observation, View
+from evs.emulator.base.package_paths import in_package
 from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.config.schema import DelayConfig
@@ -127,8 +127,6 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         sensor_ranges, scene_ranges = split_ranges(randomise)
         self.ranges = SensorRanges(sensor_ranges, sensor) if sensor_ranges else None
         """what the sensor of each episode is drawn from; None: it stays the same"""
-        if isinstance(scene, str | Path):
-            scene = in_package(str(scene))
         self.loop = Loop(
             scene,
             cameras,

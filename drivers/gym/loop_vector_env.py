@@ -14,9 +14,9 @@ from evs.drivers.gym.event_observations import make_event_observation
 from evs.drivers.gym.library import seeding, vector
 from evs.drivers.gym.loop_env import METADATA
 from evs.drivers.gym.task import Reward, Task, random_unchanged_on_error, sized
-from evs.drivers.run.paths import in_package
 from evs.drivers.run.sensor_ranges import read_ranges, split_ranges
 from evs.emulator import Worlds
+from evs.emulator.base.package_paths import in_package
 from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.config.plain_values import plain_integer
@@ -123,8 +123,6 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
             randomise = read_ranges(in_package(str(randomise)))
         sensor_ranges, scene_ranges = split_ranges(randomise)
         self.ranges = SensorRanges(sensor_ranges, sensor) if sensor_ranges else None
-        if isinstance(scene, str | Path):
-            scene = in_package(str(scene))
         model_ = load_model(scene)
         self.scene_ranges = SceneRanges(scene_ranges, model_) if scene_ranges else None
         several = (cameras,) if isinstance(cameras, str | CameraConfig) else tuple(cameras)

@@ -19,8 +19,9 @@ from evs.drivers.files import formats
 from evs.drivers.files.paths import FORCE, check_new, free_number, numbered_path
 from evs.drivers.run import driver_parameters
 from evs.drivers.run.driver_parameters import DriverParameters
-from evs.drivers.run.paths import beside, in_package, with_paths
+from evs.drivers.run.paths import beside, with_paths
 from evs.drivers.sink import SINK_TYPES, Sink
+from evs.emulator.base.package_paths import in_package
 from evs.emulator.base.small_files import is_file
 from evs.emulator.config import RunConfig
 from evs.emulator.config.schema import LoopConfig

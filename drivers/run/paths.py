@@ -1,16 +1,14 @@
-"""File names in a pipeline: relative to its file, or inside an installed Python package."""
+"""File names in a pipeline: relative to its file."""
 
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
-import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
+from evs.emulator.base.package_paths import package_of
 from evs.emulator.config import RunConfig
-from evs.msgs import EvsError
 
 C = TypeVar("C")
 R = TypeVar("R", bound=RunConfig)
@@ -72,21 +70,4 @@ def _any(config: Any) -> Any:
 
 def beside(pipeline: Path, text: str) -> str:
     """A path of a pipeline file: relative to that file."""
-    return text if _package_of(text) or text[:1] == "~" else str(pipeline.parent / text)
-
-
-def _package_of(text: str) -> re.Match[str] | None:
-    # two letters or more, so that a drive letter is none; no slash after the colon, so no URL is
-    return re.fullmatch(r"([A-Za-z_]\w+):([^/\\:].*)", text)
-
-
-def in_package(text: str) -> str:
-    """`package:path` as a path: a file that an installed Python package ships; `~` is the home."""
-    found = _package_of(text)
-    if found is None or Path(text).exists():
-        return str(Path(text).expanduser()) if text[:1] == "~" else text
-    spec = importlib.util.find_spec(found[1])
-    folders = list(spec.submodule_search_locations or ()) if spec else []
-    if not folders:
-        raise EvsError(f"'{text}': no Python package '{found[1]}' here; pip install {found[1]}")
-    return str(Path(folders[0]) / found[2])
+    return text if package_of(text) or text[:1] == "~" else str(pipeline.parent / text)

@@ -16,6 +16,7 @@ from typing import Protocol
 from evs.emulator.base.scene import F32, SceneSnapshot
 from evs.emulator.camera.camera import Camera, RenderedFrame
 from evs.emulator.simulation.world import World
+from evs.emulator.world import MjData
 from evs.msgs import EventPacket, EvsError
 
 MOST_BYTES = 256 * 2**20
@@ -163,6 +164,11 @@ class PipelinedWorld:
     def cameras(self) -> tuple[Camera, ...]:
         """All cameras of the world, as they were at the end of the last step."""
         return self._world.cameras
+
+    @property
+    def data(self) -> MjData:
+        """The live mujoco.MjData, which is some ticks ahead."""
+        return self._world.data
 
     @property
     def t_us(self) -> int:

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator import _core
+from evs.emulator.base.package_paths import in_package
 from evs.emulator.base.scene import U8
 from evs.emulator.base.small_files import is_file
 from evs.emulator.world.compat import ACTUATOR_COUNT
@@ -38,7 +39,8 @@ def load_model(scene: Scene) -> mujoco.MjModel:
     """Load the model of a scene. Offsets that MuJoCo takes for none stay (keep_offsets).
 
     Args:
-        scene: A path to MJCF, URDF or MJB, a MjModel (copied) or a MjSpec (compiled).
+        scene: A path to MJCF, URDF or MJB (evs:PATH and PACKAGE:PATH: in an installed package), a
+            MjModel (copied) or a MjSpec (compiled).
 
     Raises:
         EvsError: There is no such file, MuJoCo refuses it, or `scene` is something else.
@@ -116,7 +118,8 @@ def load_text(text: str, files: Mapping[str, bytes]) -> mujoco.MjModel:
 
 
 def _existing(path: Path) -> Path:
-    """`path` if it is a file that MuJoCo may read, else an error that lists its neighbours."""
+    """The file that MuJoCo may read at a path, else an error that lists its neighbours."""
+    path = Path(in_package(str(path)))
     if is_file(path):
         if path.suffix.lower() in SUFFIXES:
             return path

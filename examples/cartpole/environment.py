@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evs.drivers.run.paths import in_package
+from evs.emulator.base.package_paths import in_package
 from evs.emulator.base.protocols import Meter
 from evs.emulator.config import CameraConfig
 from evs.emulator.config.schema import DelayConfig

@@ -49,6 +49,9 @@ OPTIONS = {
 }
 """option -> (the key it is short for, placeholder, one line). Defaults stand with the keys."""
 
+LEAST_WAY = 1e-3
+"""m or rad: a joint that went less did not move"""
+
 STOPPED = {"interrupted": 130, "terminated": 143}
 """how a run ended -> exit code, as shells count signals"""
 
@@ -110,6 +113,7 @@ def _emulate(
         terminal.progress(ticks, args.quiet) as moved,
         _frozen(),
     ):
+        start = world.data.qpos.copy()
         report = run_loop(
             world,
             sinks,
@@ -122,12 +126,15 @@ def _emulate(
             on_report=write_reports,
             config=settings.to_plain(config),
         )
+        way = abs(world.data.qpos - start).max(initial=0.0)
+        usual = config.scene.control in ("auto", "zero", "keyframe")
+        stood = usual and len(world.data.ctrl) > 0 and way < LEAST_WAY
     addresses = [
         table.address
         for table in tables
         if table.address and table.type == "zmq" and table.address not in own
     ]
-    terminal.summary(report, args.quiet, next_commands(args, recordings, addresses))
+    terminal.summary(report, args.quiet, next_commands(args, recordings, addresses, stood))
     # a recording that stopped is not a success, although a warning was printed
     stopped = any(sink.get("error") for sink in report.sinks)
     return STOPPED.get(report.ended.split()[0], 2 if stopped or write_reports.failures else 0)
@@ -144,10 +151,17 @@ def _frozen() -> Iterator[None]:
 
 
 def next_commands(
-    args: argparse.Namespace, recordings: list[str], addresses: list[str]
+    args: argparse.Namespace, recordings: list[str], addresses: list[str], stood: bool = False
 ) -> list[str]:
-    """What to try after this run; each works as it stands."""
-    if recordings:
+    """What to try after this run; each works as it stands.
+
+    Args:
+        args: Of this run.
+        recordings: The files that it wrote.
+        addresses: Where it published.
+        stood: Whether the robot has motors, and nothing moved.
+    """
+    if recordings and not stood:
         file = recordings[0]
         film = str(Path(file).with_suffix(".gif"))
         return [command("info", file), command("view", file, "-o", film)]
@@ -158,8 +172,20 @@ def next_commands(
         if text
         for word in ((f"--{option}", text) if OPTIONS[option][1] else (f"--{option}",))
     ]
-    this_run = command("emulate", args.words, chosen)
+    random = ["scene.control=random"] if stood else []
+    this_run = command("emulate", args.words, random, chosen)
+    note = "  # nothing moved: random controls move the robot" if stood else ""
+    if recordings:
+        return [f"{this_run}{'' if args.force else ' --force'}{note}"]
     # port 0 is another one each time
     reachable = [address for address in addresses if not address.endswith(":0")]
     listen = [f"{command('echo', reachable[0], '--hz')} & {this_run}"] if reachable else []
-    return [*listen, f"{this_run} --record run.aedat4"]
+    return [*listen, f"{this_run} --record {_free('run.aedat4')}{note}"]
+
+
+def _free(name: str) -> str:
+    """A name of the kind that no file has: run.aedat4, run-2.aedat4, ..."""
+    path, number = Path(name), 2
+    while path.exists():
+        path, number = Path(name).with_stem(f"{Path(name).stem}-{number}"), number + 1
+    return str(path)

@@ -14,7 +14,7 @@ def program() -> str:
     """The shortest command that starts this evs again."""
     called = Path(sys.argv[0])
     if called.name != "evs":
-        return f"{shlex.quote(sys.executable)} -m evs.launch.main"
+        return f"{shlex.quote(sys.executable)} -m evs"
     # uv (`uvx evs`) has put the folder of this evs into PATH for this process alone
     found = None if "UV" in os.environ else shutil.which("evs")
     if found is not None and Path(found).samefile(called):

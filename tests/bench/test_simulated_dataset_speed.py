@@ -13,7 +13,7 @@ import pytest
 
 import evs
 from evs.drivers.files import recorder_for
-from evs.drivers.run.paths import in_package
+from evs.emulator.base.package_paths import in_package
 from speed.turns import milliseconds
 
 SCENE, CAMERA = "evs:config/scenes/pantilt.xml", "eye"

@@ -215,4 +215,4 @@ def test_the_program_is_called_as_it_was(monkeypatch: pytest.MonkeyPatch, tmp_pa
     monkeypatch.setenv("UV", "/usr/bin/uv")
     assert reinvoke.program() == str(program)
     monkeypatch.setattr("sys.argv", ["main.py"])
-    assert reinvoke.program().endswith("-m evs.launch.main")
+    assert reinvoke.program().endswith("-m evs")

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 from evs.drivers import settings
-from evs.drivers.run.paths import beside, in_package, with_run_paths
+from evs.drivers.run.paths import beside, with_run_paths
 from evs.drivers.run.sensor_ranges import split_ranges
+from evs.emulator.base.package_paths import in_package
 from evs.emulator.config import ModelConfig, RenderConfig, RunConfig, SensorConfig
 from evs.emulator.sensor import resolve_sensor
 from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges

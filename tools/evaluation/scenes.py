@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from evs.drivers.run.paths import in_package
+from evs.emulator.base.package_paths import in_package
 from evs.emulator.config import CameraConfig, FlickerConfig
 from evs.emulator.world import MjModel, load_model
 from evs.msgs import EvsError

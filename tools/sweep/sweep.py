@@ -9,10 +9,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from evs.drivers.run.paths import in_package
 from evs.drivers.run.report import versions
 from evs.emulator import World
 from evs.emulator.base.cores import cores
+from evs.emulator.base.package_paths import in_package
 from evs.emulator.config import RenderConfig, SensorConfig
 from evs.emulator.world import digest_of
 from evs.msgs import EvsError, unknown

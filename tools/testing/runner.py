@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.drivers.clock import monotonic_s
-from evs.drivers.run.paths import in_package
 from evs.emulator import Loop
+from evs.emulator.base.package_paths import in_package
 from evs.emulator.config.plain_values import plain_integer
 from evs.emulator.simulation.initial_states import Start, begin, check_start
 from evs.emulator.world import MjData, NamedSensors, Scene

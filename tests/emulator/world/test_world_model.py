@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator.world import bind_camera, extract_scene, load_model
+import evs
+from evs.emulator.world import bind_camera, extract_scene, load_model, load_spec
 from evs.emulator.world.model import new_data
 from evs.msgs import EvsError
 from evs.tools.stress.memory import address_space
@@ -202,3 +203,18 @@ def test_a_name_that_is_not_utf8_is_one_line(tmp_path):
     path.write_bytes(PARTS.encode().replace(b'"lamp"', b'"l\xe4mp"'))
     expected = r"the model has a name that is not UTF-8, 'l\xe4mp': save its file as UTF-8"
     assert complaint(path) == expected
+
+
+@pytest.mark.parametrize(
+    "make",
+    [evs.World, lambda scene: evs.Worlds(scene, 2), evs.VirtualCamera, evs.ClosedLoop]
+    + [lambda scene: evs.SceneRanges({}, scene), load_spec, lambda scene: load_model(Path(scene))],
+    ids=["World", "Worlds", "VirtualCamera", "ClosedLoop", "SceneRanges", "spec", "Path"],
+)
+def test_a_scene_of_a_package_is_named_anywhere(make, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert make("evs:config/scenes/cartpole.xml") is not None
+    with pytest.raises(EvsError, match=r"cartpoel\.xml'; in '.*' there is: cartpole\.xml"):
+        make("evs:config/scenes/cartpoel.xml")
+    with pytest.raises(EvsError, match="no Python package 'evz' here; pip install evz"):
+        make("evz:config/scenes/cartpole.xml")

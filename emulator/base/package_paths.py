@@ -1,0 +1,31 @@
+"""Paths inside an installed Python package, as in evs:config/scenes/cartpole.xml."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+
+from evs.msgs import EvsError
+
+
+def package_of(text: str) -> re.Match[str] | None:
+    """The two sides of `package:path`; None where it is another path."""
+    # two letters or more, so that a drive letter is none; no slash after the colon, so no URL is
+    return re.fullmatch(r"([A-Za-z_]\w+):([^/\\:].*)", text)
+
+
+def in_package(text: str) -> str:
+    """`package:path` as a path: a file that an installed Python package ships; `~` is the home.
+
+    Raises:
+        EvsError: There is no such package.
+    """
+    found = package_of(text)
+    if found is None or Path(text).exists():
+        return str(Path(text).expanduser()) if text[:1] == "~" else text
+    spec = importlib.util.find_spec(found[1])
+    folders = list(spec.submodule_search_locations or ()) if spec else []
+    if not folders:
+        raise EvsError(f"'{text}': no Python package '{found[1]}' here; pip install {found[1]}")
+    return str(Path(folders[0]) / found[2])
