@@ -25,7 +25,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import zlib
 from abc import abstractmethod
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -54,8 +56,37 @@ TRIGGER_DTYPE = np.dtype(
 )
 INDEX_DTYPE = np.dtype([("id", "<u8"), ("ts", "<i8")])
 
-_INDEX_PIECE = 1 << 20
-"""entries of an index that are written at once"""
+Entries = np.ndarray[Any, Any]
+
+
+def write_index(one: Any, begin: int, end: int, entries: Callable[[Entries], Entries]) -> None:
+    """Append to an index whose entries never fall; a long pause takes little space and time.
+
+    Chunks with the same entry throughout are compressed once and written as they are.
+
+    Args:
+        one: Data set of `begin` entries, plain or compressed with deflate.
+        begin: Its length.
+        end: Its length afterwards.
+        entries: The entries, (n,), at some places, (n,) int64.
+    """
+    chunk = one.chunks[0]
+    one.resize((end,))
+    inner = np.arange(-(-begin // chunk) * chunk, end, chunk)
+    edges = np.unique(np.concatenate([[begin], inner, [end]]))
+    firsts, lasts = edges[:-1], edges[1:] - 1
+    same = (entries(firsts) == entries(lasts)) & (lasts - firsts == chunk - 1)
+    done: dict[bytes, bytes] = {}
+    for first, last, is_one in zip(firsts.tolist(), lasts.tolist(), same.tolist(), strict=True):
+        if not is_one:
+            one[first : last + 1] = entries(np.arange(first, last + 1))
+            continue
+        entry = entries(np.array([first])).tobytes()
+        if entry not in done:
+            plain = np.frombuffer(entry * chunk, np.uint8).reshape(chunk, -1)
+            data = (plain.T if one.shuffle else plain).tobytes()
+            done = {entry: zlib.compress(data, 1) if one.compression else data}
+        one.id.write_direct_chunk((first,), done[entry])
 
 
 class _Hdf5Recorder(LibraryRecorder):
@@ -179,13 +210,13 @@ class Hdf5Recorder(_Hdf5Recorder):
             column.resize((end,))
             column[begin:end] = t if name == "t" else events[name]
         # ms that begin up to the last event; those before are indexed
-        known = len(self._index)
-        upto = int(t[-1]) // 1000 + 1
-        self._index.resize((upto,))
-        for first in range(known, upto, _INDEX_PIECE):
-            ms = np.arange(first, min(upto, first + _INDEX_PIECE))
-            found = begin + np.searchsorted(t, ms * 1000)
-            self._index[first : first + len(ms)] = found.astype(np.uint64)
+        known, upto = len(self._index), int(t[-1]) // 1000 + 1
+        if known < upto:
+
+            def entries(ms: Entries) -> Entries:
+                return (begin + np.searchsorted(t, ms * 1000)).astype("<u8")
+
+            write_index(self._index, known, upto, entries)
 
 
 class MetavisionRecorder(_Hdf5Recorder):
@@ -197,11 +228,26 @@ class MetavisionRecorder(_Hdf5Recorder):
 
     INDEX_US = 2000
 
+    LONGEST_PAUSE_US = 7_200_000_000
+    """58 MB of index"""
+
+    def _check(self, events: Events) -> None:
+        super()._check(events)
+        before_us = int(events["t"][0]) if self._first_us is None else self._last_us
+        pause_us = int(np.diff(events["t"], prepend=before_us).max())
+        if pause_us > self.LONGEST_PAUSE_US:
+            size = pause_us // self.INDEX_US * INDEX_DTYPE.itemsize
+            raise EvsError(
+                f"cannot record a pause of {pause_us * 1e-6:.0f} s to {self._path}: its index, "
+                f"an entry every 2 ms, would take {size / 1e6:.0f} MB; record to .h5 or .aedat4"
+            )
+
     def _create_sets(self) -> None:
         kinds: dict[str, Any] = {"maxshape": (None,), "chunks": (self.CHUNK,)}
         # HDF5 itself need not know the codec: chunks are written as they are
         codec = {"compression": ECF_FILTER, "allow_unknown_filter": True}
         self._events_set = self._file.create_dataset(METAVISION, (0,), CD_DTYPE, **kinds, **codec)
+        # OpenEB reads its chunks as they lie in the file, so that they cannot be compressed
         self._index = self._file.create_dataset("CD/indexes", (0,), INDEX_DTYPE, **kinds)
         self._file.create_dataset("EXT_TRIGGER/events", (0,), TRIGGER_DTYPE, **kinds)
         self._file.create_dataset("EXT_TRIGGER/indexes", (0,), INDEX_DTYPE, **kinds)
@@ -254,11 +300,12 @@ class MetavisionRecorder(_Hdf5Recorder):
     def _grow_index(self, ids: Any, times_us: Any, upto: Any) -> None:
         """Append entries of `ids[k]`, `times_us[k]` until there are `upto[k]`, k by k."""
         end = int(upto[-1])
-        self._index.resize((end,))
-        for first in range(self._entries, end, _INDEX_PIECE):
-            places = np.arange(first, min(end, first + _INDEX_PIECE))
+
+        def entries(places: Entries) -> Entries:
             found = np.searchsorted(upto, places, side="right")
-            entries = np.zeros(len(places), INDEX_DTYPE)
-            entries["id"], entries["ts"] = ids[found], times_us[found]
-            self._index[first : first + len(places)] = entries
+            made = np.zeros(len(places), INDEX_DTYPE)
+            made["id"], made["ts"] = ids[found], times_us[found]
+            return made
+
+        write_index(self._index, self._entries, end, entries)
         self._entries = end

@@ -7,6 +7,7 @@ import sys
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from evs.drivers import files
@@ -151,6 +152,42 @@ def test_steps_back_in_time_are_refused_and_the_rest_is_kept(kind: str, tmp_path
         sink.write(packet(FOUR, stream))
     sink.close()
     assert files.read(tmp_path / NAMES[kind]).tobytes() == FOUR.tobytes()
+
+
+@pytest.mark.parametrize("name", ["a.h5", "a.hdf5"])
+def test_the_index_of_a_long_pause_is_small_and_right(name: str, tmp_path: Path) -> None:
+    import h5py
+
+    path = tmp_path / name
+    sink = files.recorder_for(path)
+    sink.open([StreamInfo(64, 48)])
+    t = np.array([5, 900, 2_500, 2_000_000_123, 2_000_000_124, 2_000_900_000, 4_000_000_000])
+    for seq, stamps in enumerate((t[:2], t[2:5], t[5:])):
+        events = make_events(stamps, stamps % 64, stamps % 48, stamps % 2)
+        sink.write(EventPacket(seq, 0, int(stamps[-1]), 64, 48, events))
+    sink.close()
+    # 8 bytes every ms, or 16 every 2 ms without compression, would be 32 MB
+    assert path.stat().st_size < (400_000 if name == "a.h5" else 33_000_000)
+    assert files.read(path)["t"].tolist() == t.tolist()
+    if name == "a.hdf5":
+        sink = files.recorder_for(tmp_path / "b.hdf5")
+        sink.open([StreamInfo(64, 48)])
+        far = make_events([5, 100_000_000_000], [1, 2], [1, 2], [1, 0])
+        with pytest.raises(EvsError, match=r"a pause of 100000 s .* 800 MB; record to \.h5"):
+            sink.write(EventPacket(0, 0, 1, 64, 48, far))
+        sink.close()
+    with h5py.File(path) as file:
+        if name == "a.h5":
+            ms = np.arange(int(t[-1]) // 1000 + 1)
+            assert np.array_equal(file["ms_to_idx"][()], np.searchsorted(t, ms * 1000))
+            return
+        index = file["CD/indexes"][()]
+    # of the last slot of 2 ms before that had events: its first event
+    slots = (t - t[0]) // 2000
+    first = np.flatnonzero(np.diff(slots, prepend=-1))
+    before = np.searchsorted(slots[first], np.arange(len(index)), side="left") - 1
+    assert index["id"].tolist() == np.where(before < 0, 0, first[before]).tolist()
+    assert index["ts"].tolist() == np.where(before < 0, -1, (t - t[0])[first[before]]).tolist()
 
 
 def test_hours_of_silence(tmp_path: Path) -> None:
