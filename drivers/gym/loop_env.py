@@ -19,6 +19,7 @@ from evs.emulator import Loop, Observation, View
 from evs.emulator.base.package_paths import in_package
 from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
+from evs.emulator.config.keywords import named_keywords
 from evs.emulator.config.schema import DelayConfig
 from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
 from evs.emulator.simulation.initial_states import Start, begin
@@ -37,6 +38,7 @@ METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps"
 """of ten ticks a step; an environment has its own number"""
 
 
+@named_keywords
 class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     """A closed loop whose step is `ticks` ticks; observations are events, and encoders on request.
 

@@ -19,6 +19,7 @@ from evs.emulator import Worlds
 from evs.emulator.base.package_paths import in_package
 from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
+from evs.emulator.config.keywords import named_keywords
 from evs.emulator.config.plain_values import plain_integer
 from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
 from evs.emulator.simulation.initial_states import Start, begin
@@ -33,6 +34,7 @@ Flags = npt.NDArray[np.bool_]
 I64 = npt.NDArray[np.int64]
 
 
+@named_keywords
 class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
     """Many LoopEnv in one process: the same arguments, spaces, rewards and, by seed, bytes.
 

@@ -6,8 +6,16 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from evs.emulator.config.sensor import WHITE_DN
+
 LEAST_THRESHOLD = 0.01
 """log units; v2e's floor, a tenth of what real pixels reach"""
+MOST_THRESHOLD = 2.0
+"""log units: seven times the light for one event; real pixels reach 0.6"""
+LEAST_FOVY_DEG = math.pi
+"""a view so narrow was hardly meant in degrees"""
+BRIGHTEST = 20.0
+"""mean light of a picture, 1 = white"""
 MUCH_AT_FLOOR = 0.02
 """share of the pixels"""
 LONG_BLIND_S = 0.1
@@ -16,18 +24,25 @@ SLOW_HZ = 1.0
 """real pixels are ten times as fast in starlight"""
 
 
-def lint(camera: str, config: Mapping[str, Any]) -> list[str]:
+def lint(
+    camera: str,
+    config: Mapping[str, Any],
+    calibration: Mapping[str, Any] | None = None,
+    mean_luminance: float = 0.0,
+) -> list[str]:
     """Find the settings that are unlikely to be intended.
 
     Args:
         camera: Its name.
         config: Its configuration, with every number that its sensor really has.
+        calibration: As of StreamInfo.camera_info; None or empty: there is none.
+        mean_luminance: Of its first picture.
 
     Returns:
         One line for each.
     """
     sensor = config.get("sensor", {})
-    lines = list(_thresholds(sensor))
+    lines = [*_thresholds(sensor), *_view(calibration or {}), *_light(sensor, mean_luminance)]
     if config.get("model", {}).get("name") != "evsnet":  # which takes nothing else of the sensor
         lines += [*_spread(sensor), *_slow(sensor)]
     return [f"camera '{camera}': {line}" for line in lines]
@@ -40,6 +55,37 @@ def _thresholds(sensor: Mapping[str, Any]) -> Iterator[str]:
                 f"sensor.{keys} {theta:g}, so black to white is {math.log(255) / theta:,.0f} "
                 "events per pixel; real sensors have 0.1 or more"
             )
+        if theta > MOST_THRESHOLD:
+            yield (
+                f"sensor.{keys} {theta:g}, so one event takes {_times(theta)} the light; "
+                "thresholds are in log units, and real sensors have 0.1 to 0.6"
+            )
+
+
+def _times(theta: float) -> str:
+    return f"{math.exp(theta):,.0f} times" if theta < 7.0 else f"e^{theta:g} times"
+
+
+def _view(calibration: Mapping[str, Any]) -> Iterator[str]:
+    if not calibration or calibration.get("projection") == "orthographic":
+        return
+    fovy = math.degrees(2.0 * math.atan(0.5 * calibration["height"] / calibration["k"][4]))
+    if fovy < LEAST_FOVY_DEG:
+        yield (
+            f"its vertical field of view is {fovy:.3g} degrees; if {fovy:.3g} are radians, give "
+            f"fovy={math.degrees(fovy):.3g}"
+        )
+
+
+def _light(sensor: Mapping[str, Any], luminance: float) -> Iterator[str]:
+    exposure_dn = sensor.get("exposure_dn") or WHITE_DN
+    dn = luminance * exposure_dn
+    if BRIGHTEST * WHITE_DN < dn < math.inf:
+        yield (
+            f"its picture has a mean luminance of {luminance:.3g}, {dn:,.0f} DN where 255 is "
+            "white: make the lights weaker, or give "
+            f"sensor.exposure_dn={0.4 * WHITE_DN / luminance:.2g}"
+        )
 
 
 def _spread(sensor: Mapping[str, Any]) -> Iterator[str]:

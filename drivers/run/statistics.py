@@ -6,10 +6,13 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
+import numpy as np
+
 from evs.drivers.clock import StopWatch
 from evs.drivers.run.config_lint import lint
 from evs.drivers.run.report import STAGES, Report, versions
 from evs.drivers.run.sink_set import AuxiliaryStreams
+from evs.emulator.base.scene import F32
 from evs.msgs import EventPacket
 
 
@@ -50,6 +53,10 @@ class RunCamera(AuxiliaryStreams, Protocol):
     @property
     def is_dark(self) -> bool:
         """Whether nothing was lit in the last tick."""
+
+    @property
+    def luminance(self) -> F32:
+        """(h, w) float32 linear luminance of the last tick."""
 
 
 class RunWorld(Protocol):
@@ -147,7 +154,8 @@ class RunStatistics:
         for camera in self._world.cameras:
             if self.ticks == 1:
                 name = camera.info.camera
-                lines += lint(name, camera.info.config)
+                mean = float(np.mean(camera.luminance, dtype=np.float64))
+                lines += lint(name, camera.info.config, camera.info.camera_info, mean)
                 if camera.is_dark:
                     lines.append(
                         f"camera '{name}' sees nothing lit, the picture is dark: give "

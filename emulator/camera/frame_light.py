@@ -6,6 +6,8 @@ machine; no exponential or power of a library is called.
 
 from __future__ import annotations
 
+import math
+import warnings
 from typing import Any
 
 import numpy as np
@@ -110,6 +112,7 @@ class FrameLight:
         per_dn = 1.0 / float(sensor.exposure_dn)
         self._scale = {"dn": per_dn, "lux": per_dn / float(sensor.lux_per_dn)}
         self._tables: dict[np.dtype[Any], tuple[F32, F32]] = {}
+        self._is_checked = False
         self.light = np.zeros(shape, np.float32)
         """(h, w) of the last frame"""
 
@@ -144,7 +147,24 @@ class FrameLight:
             self._calculate(array)
         else:
             raise EvsError(f"the frame is of dtype {array.dtype}; give uint8, uint16 or a float")
+        if not self._is_checked:
+            self._is_checked = True
+            self._check_scale(array)
         return self.light
+
+    def _check_scale(self, array: npt.NDArray[Any]) -> None:
+        """Warn where the first frame, of floats, has hardly the unit that it should have."""
+        if array.dtype.kind != "f":
+            return
+        with np.errstate(all="ignore"):
+            mean, most = float(np.mean(array, dtype=np.float64)), float(np.max(array))
+        wanted = ""
+        if self.unit not in self._scale and BRIGHTEST < mean < math.inf:
+            wanted = "1.0 is white: if it is 255, give unit='dn', or frames of uint8"
+        elif self.unit == "dn" and 0.0 < most <= 1.0:
+            wanted = "255 is white: if it is 1.0, give unit='luminance'"
+        if wanted:
+            warnings.warn(f"the mean of the first frame is {mean:.3g}, and {wanted}", stacklevel=4)
 
     def _look_up(self, array: npt.NDArray[Any]) -> None:
         """The light of whole numbers, by a table for each channel."""
@@ -185,6 +205,9 @@ class FrameLight:
             if self.unit in self._scale:
                 self.light *= np.float32(self._scale[self.unit])
 
+
+BRIGHTEST = 20.0
+"""mean light of a frame, 1 = white: more is another unit"""
 
 _CHANNELS = ((), (3,), (4,))
 """What may stand behind height and width in a shape."""

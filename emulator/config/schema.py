@@ -9,11 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from evs.emulator.config.keywords import named_keywords
 from evs.emulator.config.sensor import SensorConfig
 from evs.emulator.render.registry import RENDERERS
 from evs.msgs import EvsError
 
 
+@named_keywords
 @dataclass(frozen=True)
 class VisualConfig:
     """[scene.visual]: what of the model is seen, named as in MuJoCo's mjvOption."""
@@ -46,6 +48,7 @@ class VisualConfig:
     """the edges of flexes, of ropes and without flexskin"""
 
 
+@named_keywords
 @dataclass(frozen=True)
 class SceneConfig:
     """[scene]: the world, and the controls that move it."""
@@ -77,6 +80,7 @@ class SceneConfig:
     visual: VisualConfig = field(default_factory=VisualConfig)
 
 
+@named_keywords
 @dataclass(frozen=True)
 class CameraConfig:
     """[camera]: a camera that the model lacks, or different optics for one that it has."""
@@ -128,6 +132,7 @@ class CameraConfig:
     point in half diagonals of the image"""
 
 
+@named_keywords
 @dataclass(frozen=True)
 class FlickerConfig:
     """[[render.flicker]]: a light that pulses, averaged over each tick. Any number of tables."""
@@ -148,6 +153,7 @@ class FlickerConfig:
     """phase of the light at t = 0, as a fraction of its period"""
 
 
+@named_keywords
 @dataclass(frozen=True)
 class RenderConfig:
     """[render]: how light reaches the pixels."""
@@ -221,6 +227,7 @@ class RenderConfig:
         return ticks * self.samples if row and row.paths else 0
 
 
+@named_keywords
 @dataclass(frozen=True)
 class ModelConfig:
     """[model]: the event model, which turns light into events."""
@@ -257,6 +264,7 @@ class ModelConfig:
     has the name of the whole object, such as the robot's root body"""
 
 
+@named_keywords
 @dataclass(frozen=True)
 class PlanConfig:
     """[plan]: code paths to force on or off, whatever the scene needs (`evs plan` lists them)."""
@@ -270,6 +278,7 @@ class PlanConfig:
     then wrong"""
 
 
+@named_keywords
 @dataclass(frozen=True)
 class RunConfig:
     """A whole pipeline. Top level: name, duration_s, seed, threads; then one table per stage."""
@@ -290,6 +299,7 @@ class RunConfig:
     """worker threads of the renderer and the pixels; 0: one per core"""
 
 
+@named_keywords
 @dataclass(frozen=True)
 class DelayConfig:
     """[loop.delays]: the path between camera, controller and actuators.
@@ -311,6 +321,7 @@ class DelayConfig:
     """standard deviation of that delay from decision to decision, us; decisions stay in order"""
 
 
+@named_keywords
 @dataclass(frozen=True)
 class LimitConfig:
     """[[loop.limits]]: a range that a sensor of the model must stay in. Any number of tables."""
@@ -323,6 +334,7 @@ class LimitConfig:
     """the episode ends when the sensor reads more than this"""
 
 
+@named_keywords
 @dataclass(frozen=True)
 class LoopConfig:
     """[loop]: the closed loop of pace = "lockstep"."""

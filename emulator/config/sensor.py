@@ -11,8 +11,10 @@ from dataclasses import dataclass, field
 from typing import Generic
 
 from evs.emulator.config.declaration import REQUIRED, Unset, parameter, specialised
+from evs.emulator.config.keywords import named_keywords
 
 
+@named_keywords
 @dataclass(frozen=True)
 class BiasConfig:
     """[sensor.biases]: the chip's own biases, by its drivers' names. None: the preset's value.
@@ -580,12 +582,14 @@ class ReadoutKeys(Generic[Unset]):
     )
 
 
+@named_keywords
 @dataclass(frozen=True)
 @specialised
 class ApsConfig(ApsKeys[None]):
     """[sensor.aps]: intensity frames beside the events, as in a DAVIS. None: the preset's value."""
 
 
+@named_keywords
 @dataclass(frozen=True)
 @specialised
 class ImuConfig(ImuKeys[None]):
@@ -595,6 +599,7 @@ class ImuConfig(ImuKeys[None]):
     """
 
 
+@named_keywords
 @dataclass(frozen=True)
 @specialised
 class ReadoutConfig(ReadoutKeys[None]):
@@ -607,6 +612,7 @@ class _Preset:
     """name of a file in config/sensors, or the path of your own file"""
 
 
+@named_keywords
 @dataclass(frozen=True)
 @specialised
 class SensorConfig(PixelKeys[None], _Preset):

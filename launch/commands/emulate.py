@@ -18,6 +18,7 @@ OPTIONS = {
     "scene": ("scene.file", "FILE", "MJCF or MJB file of the world"),
     "camera": ("scene.camera", "NAME", "camera of the model to look through"),
     "sensor": ("sensor.preset", "NAME", "sensor preset"),
+    "size": options.SIZE,
     "renderer": ("render.renderer", "NAME", "how light is computed"),
     "spp": ("render.spp", "N", "samples per pixel"),
     "seeds": ("render.seeds", "WAY", "where the samples come from"),

@@ -18,7 +18,18 @@ if TYPE_CHECKING:
 OPTIONS = {
     name: EMULATE[name]
     for name in (
-        *("scene", "camera", "sensor", "renderer", "spp", "seeds", "model", "record", "publish"),
+        *(
+            "scene",
+            "camera",
+            "sensor",
+            "size",
+            "renderer",
+            "spp",
+            "seeds",
+            "model",
+            "record",
+            "publish",
+        ),
         *("model-everything", "threads"),
     )
 }

@@ -15,6 +15,7 @@ OPTIONS = {
     "scene": ("scene.file", "FILE", "MJCF or MJB file of the world"),
     "camera": ("scene.camera", "NAME", "camera of the model to look through"),
     "sensor": ("sensor.preset", "NAME", "sensor preset; only its size is used"),
+    "size": options.SIZE,
     "renderer": ("render.renderer", "NAME", "how light is computed"),
     "spp": ("render.spp", "N", "samples per pixel"),
     "seeds": ("render.seeds", "WAY", "where the samples come from"),
@@ -65,7 +66,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="frames per simulated second (25); tick: every tick",
     )
     add("--channels", default="all", metavar="A,B", help="channels to write (default: all)")
-    add("--size", metavar="WxH", help="size in px; short for sensor.width= and sensor.height=")
     add("--preview", metavar="FILE.png", help="draw the channels of the last frame in one picture")
     add("--force", action="store_true", help="replace existing files")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
@@ -78,8 +78,6 @@ def run(args: argparse.Namespace) -> int:
     for key, _ in overrides:
         if key.partition(".")[0] in NOT_HERE:
             raise EvsError(f"{key} is a key of evs emulate; evs render writes one file, -o")
-    if args.size is not None:
-        overrides += _size(args.size)
     config = pipeline.load(file, overrides)
     # here, so that --help is quick
     from evs.drivers.files.paths import check_new
@@ -124,11 +122,3 @@ def _fps(text: str) -> float | None:
         raise EvsError(
             f"--fps is '{text}': give a number, or {EVERY_TICK} for every tick"
         ) from None
-
-
-def _size(text: str) -> list[tuple[str, str]]:
-    """WxH as the two keys it is short for."""
-    width, times, height = text.lower().partition("x")
-    if not (times and width.isdecimal() and height.isdecimal()):
-        raise EvsError(f"--size is '{text}': give width and height in px, as in 640x480")
-    return [("sensor.width", width), ("sensor.height", height)]

@@ -25,6 +25,18 @@ PIPELINE = (
 """the positional arguments of most commands, and their help line"""
 
 
+SIZE = ("sensor.width= and sensor.height", "WxH", "sensor size, px")
+"""the row of an option --size"""
+
+
+def size_keys(text: str) -> list[tuple[str, str]]:
+    """WxH as the two keys that it is short for. Raises EvsError where it is no size."""
+    width, times, height = text.lower().partition("x")
+    if not (times and width.isdecimal() and height.isdecimal()):
+        raise EvsError(f"--size is '{text}': give width and height in px, as in 640x480")
+    return [("sensor.width", width), ("sensor.height", height)]
+
+
 def add_pipeline_options(
     parser: argparse.ArgumentParser, options: Options, words: tuple[str, str] = PIPELINE
 ) -> None:
@@ -76,12 +88,14 @@ def parse_pipeline(
     words = dict(overrides)
     for option, (key, _, _) in options.items():
         text = getattr(args, option)
-        if text is not None and words.get(key, text) != text:
-            raise EvsError(
-                f"--{option} {text} and {key}={words[key]} are one key; give one of them"
-            )
-        if text is not None:
-            overrides.append((key, text))
+        if text is None:
+            continue
+        for name, value in size_keys(text) if option == "size" else [(key, text)]:
+            if words.get(name, value) != value:
+                raise EvsError(
+                    f"--{option} {text} and {name}={words[name]} are one key; give one of them"
+                )
+            overrides.append((name, value))
     return (files[0] if files else None), overrides
 
 

@@ -39,13 +39,14 @@ def test_a_recording_is_looked_at_by_its_quoted_name() -> None:
 
 
 def test_a_run_that_left_nothing_is_repeated_with_a_recording() -> None:
-    given = "emulate humanoid --scene 'my robot.xml' --spp 2 name='left eye'"
+    given = "emulate humanoid --scene 'my robot.xml' --spp 2 --size 64x48 name='left eye'"
     words = shlex.split(given)[1:]
     args = main._parser("emulate", emulate).parse_intermixed_args(words)
     (line,) = emulate.next_commands(args, [], [])
     again = parsed(line)
     assert again.record == "run.aedat4"
     assert (again.words, again.scene, again.spp) == (args.words, args.scene, args.spp)
+    assert again.size == "64x48"
 
 
 def test_a_published_run_is_listened_to() -> None:

@@ -112,6 +112,8 @@ BAD = [
     ([*GOOD, "--publish", "tpc://127.0.0.1:5560"], ["tpc://127.0.0.1:5560"]),
     ([*GOOD, "--publish", "tcp://127.0.0.1"], ["tcp://127.0.0.1"]),
     ([*GOOD, "sink.0.type=ros"], ["at sink.0.type: no sink type 'ros'", "rosbag2"]),
+    (["--scene", "ball.xml", "--size", "64"], ["--size is '64'", "640x480"]),
+    ([*GOOD, "--size", "64x48"], ["--size 64x48 and sensor.width=16 are one key"]),
     ([*GOOD, "render.spp=3", "--spp", "2"], ["--spp 2 and render.spp=3 are one key"]),
     ([*GOOD, "default", "humanoid"], ["two pipelines, 'default' and 'humanoid'"]),
     ([*GOOD, "--spp"], ["--spp", "evs emulate --help"]),

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import mujoco
+import numpy as np
 import pytest
 
+import evs
 from evs.drivers.run.config import load, make_sink
 from evs.drivers.run.config_lint import lint
 from evs.drivers.run.run import run
@@ -34,6 +39,8 @@ def test_nobody_doubts_a_preset(preset: str) -> None:
         ({"pos_thres": 0.001}, "sensor.pos_thres is 0.001, so black to white is 5,541 events"),
         ({"neg_thres": 0.005}, "sensor.neg_thres is 0.005, so"),
         ({"pos_thres": 0.009, "neg_thres": 0.009}, "sensor.pos_thres and neg_thres are 0.009"),
+        ({"pos_thres": 20.0}, "sensor.pos_thres is 20, so one event takes e^20 times the light"),
+        ({"neg_thres": 3.0}, "sensor.neg_thres is 3, so one event takes 20 times the light"),
         ({"sigma_thres": 0.2}, "sigma_thres is 0.2 and pos_thres and neg_thres are 0.2: 17 % of"),
         ({"refractory_period_s": 100.0}, "after each event a pixel is blind for 100 s"),
         ({"cutoff_hz": 0.01}, "sensor.cutoff_hz is 0.01: a pixel follows the light 16 s late"),
@@ -44,6 +51,57 @@ def test_one_line_names_the_key(given: dict[str, float], said: str) -> None:
     (line,) = of(**given)
     assert line.startswith("camera 'eye': ")
     assert said in line
+
+
+@pytest.mark.parametrize(
+    ("fovy", "said"),
+    [
+        (0.8, "view is 0.8 degrees; if 0.8 are radians, give fovy=45.8"),
+        (3.0, "fovy=172"),
+        (5.0, ""),
+    ],
+)
+@pytest.mark.parametrize("own", [True, False])
+def test_a_view_in_radians_is_doubted(fovy: float, said: str, own: bool) -> None:
+    text = f"""<mujoco><worldbody><light/><camera name="eye" fovy="{45 if own else fovy}"/>
+    <geom size="1" pos="0 0 -5"/></worldbody></mujoco>"""
+    world = World(mujoco.MjModel.from_xml_string(text))
+    camera = evs.CameraConfig(fovy=fovy) if own else "eye"
+    world.add_camera(camera, sensor="ideal")
+    (info,) = [one.info for one in world.cameras]
+    lines = lint("eye", info.config, info.camera_info)
+    assert [said in line for line in lines] == [True] * bool(said)
+
+
+@pytest.mark.parametrize(("luminance", "lines"), [(0.5, 0), (15.0, 0), (200.0, 1), (math.inf, 0)])
+def test_a_picture_on_another_scale_is_doubted(luminance: float, lines: int) -> None:
+    found = lint("eye", {"sensor": {"exposure_dn": 255.0}}, None, luminance)
+    assert len(found) == lines
+    assert all("mean luminance of 200, 51,000 DN" in one for one in found)
+    assert not lint("eye", {"sensor": {"exposure_dn": 0.51}}, None, luminance)
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale", "said"),
+    [
+        ("auto", 255.0, "if it is 255, give unit='dn'"),
+        ("luminance", 255.0, "if it is 255, give unit='dn'"),
+        ("srgb", 255.0, "if it is 255, give unit='dn'"),
+        ("dn", 1.0, "if it is 1.0, give unit='luminance'"),
+        ("dn", 255.0, ""),
+        ("luminance", 1.0, ""),
+        ("luminance", 15.0, ""),
+        ("lux", 1e5, ""),
+    ],
+)
+def test_frames_on_another_scale_are_doubted_once(unit: str, scale: float, said: str) -> None:
+    pixels = evs.Pixels("ideal", size=(8, 6), unit=unit)
+    frame = np.random.default_rng(0).random((6, 8)) * scale
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for t_us in (1000, 2000, 3000):
+            pixels.observe(frame, t_us)
+    assert [said in str(one.message) for one in caught] == [True] * bool(said)
 
 
 def test_a_network_takes_only_the_thresholds() -> None:
