@@ -42,7 +42,9 @@ class Latency:
     """standard deviation over pixels, standard error"""
 
 
-def measure_latency(bench: Bench, lux: float) -> Latency:
+def measure_latency(
+    bench: Bench, lux: float, *, pixels: int = PIXELS, tick_us: int | None = None
+) -> Latency:
     """Measure the time from a step, at rest at lux / DOUBLED, to each pixel's first ON event.
 
     The readout has no bandwidth limits here, as if few pixels were lit at a time. Pixels with noise
@@ -52,15 +54,18 @@ def measure_latency(bench: Bench, lux: float) -> Latency:
     Args:
         bench: the bench with the sensor.
         lux: illuminance after the step.
+        pixels: at most so many are tested.
+        tick_us: length of the ticks after the step, which itself takes 1 us; None: they grow with
+            the time since the step.
     """
-    part = bench.part(PIXELS, readout=ReadoutParameters())
+    part = bench.part(pixels, readout=ReadoutParameters())
     window = sum(window_us(part, lux / DOUBLED))
     took_us = np.full(part.pixels, -1, np.int64)
     tested = np.zeros(part.pixels, bool)
     for attempt in range(ATTEMPTS):
         settled = settle(part, lux / DOUBLED, 1 + attempt * 2 * window)
         new = settled.quiet() & ~tested
-        answer = _first_answers(settled.exposure.copy(), lux, window)
+        answer = _first_answers(settled.exposure.copy(), lux, window, tick_us)
         took_us[new] = answer[new]
         tested |= new
         if np.count_nonzero(tested | settled.dead) >= ENOUGH * part.pixels:
@@ -84,7 +89,9 @@ def measure_latency(bench: Bench, lux: float) -> Latency:
     )
 
 
-def _first_answers(exposure: LightExposure, lux: float, window_us: int) -> npt.NDArray[np.int64]:
+def _first_answers(
+    exposure: LightExposure, lux: float, window_us: int, tick_us: int | None
+) -> npt.NDArray[np.int64]:
     """(h w,) us from a step to `lux` until the first ON event of each pixel has left; -1: none."""
     sensor = exposure.bench.sensor
     readout = make_readout(sensor)
@@ -92,10 +99,14 @@ def _first_answers(exposure: LightExposure, lux: float, window_us: int) -> npt.N
     begin_us = exposure.t_us
     late_us = math.ceil(sensor.latency_us + 8.0 * sensor.latency_sigma_us)
     first = np.full(exposure.bench.pixels, -1, np.int64)
-    for tick_us in growing_us(window_us + late_us, GROWTH):
-        events = exposure.expose(lux, tick_us)
+    total_us = window_us + late_us
+    ticks = growing_us(total_us, GROWTH)
+    if tick_us is not None:
+        ticks = [1] + [tick_us] * math.ceil(total_us / tick_us)
+    for us in ticks:
+        events = exposure.expose(lux, us)
         if readout is not None and state is not None:
-            events, state = readout.step(events, state, exposure.t_us - tick_us, exposure.t_us)
+            events, state = readout.step(events, state, exposure.t_us - us, exposure.t_us)
         events = events[events["p"] == 1][::-1]  # the earliest is written last
         pixel = pixel_numbers(events, sensor)
         new = first[pixel] < 0

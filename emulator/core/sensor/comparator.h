@@ -1,9 +1,9 @@
 // The ON and OFF comparators of one pixel through one tick: the exact order of threshold crossings,
 // shot noise and refractory periods.
 //
-// Contract. Inside a tick the signal s moves linearly and the reference r, the memorised log
-// intensity, sinks linearly by `drift` (the leak, less the rise by the high pass), so s - r is
-// linear. A comparator fires when s >= r + theta_on (ON) or s <= r - theta_off (OFF); both limits
+// Contract. Inside a tick the signal s moves as its poles respond (response.h) and the reference r,
+// the memorised log intensity, sinks linearly by `drift` (the leak, less the rise by the high
+// pass). A comparator fires when s >= r + theta_on (ON) or s <= r - theta_off (OFF); both limits
 // are inclusive. Without a refractory period a crossing moves the reference by exactly one
 // threshold, so no contrast is lost. With one, the pixel ignores everything from its event on, and
 // in the microsecond in which the period ends it resets its reference to the signal. A noise event
@@ -17,8 +17,8 @@
 // of a microsecond. Sums below 2^10 are exact, so a day of events accumulates no rounding error.
 // Within a tick, references are expressed at its start, r + drift t / tick: there levels are
 // constant, and the signal moves by v = (to - from) + drift. The signal at an instant is
-// on_grid(from + v (t / tick)). A level is reached if it is within to + drift, so no level is
-// exceeded at the start of the next tick. Only the division in a stamp rounds.
+// on_grid(from + what it has moved by). A level is reached if it is within to + drift, so no level
+// is exceeded at the start of the next tick. Only stamps round.
 #pragma once
 
 #include <cmath>
@@ -29,6 +29,7 @@
 
 #include "aps_crosstalk.h"
 #include "reproducible_math.h"
+#include "response.h"
 #include "shot_noise.h"
 
 namespace evs {
@@ -57,6 +58,14 @@ EVS_ALWAYS_INLINE uint32_t crossing_time(double part, double span, double tick) 
   return whole + (static_cast<double>(static_cast<int32_t>(whole)) < inside ? 1u : 0u);
 }
 
+// The stamp of a level, which the signal has not passed `now`: it has moved by `part` there.
+EVS_ALWAYS_INLINE uint32_t stamp_of(const Response& response, double part, bool up, uint32_t now,
+                                    uint32_t tick) {
+  if (response.bends) return reach_time(response, part, up, now, tick);
+  const uint32_t exact = crossing_time(part, response.end, tick);
+  return exact > now ? exact : now;
+}
+
 // The cause of a crossing: what moved the pixel further in this tick; the signal if both did alike.
 EVS_ALWAYS_INLINE Cause cause_of(double span, double drift, Cause drift_cause) {
   return std::abs(drift) > std::abs(span) ? drift_cause : Cause::signal;
@@ -80,6 +89,7 @@ struct Comparators {
   double shot_off = 0.0;            // Hz in the dark
   double rate_scale = 1.0;          // of the shot noise at this light
   double crosstalk = 0.0;           // of a row read, log units
+  Response response;                // of the signal against the reference; its end is v
 
   // Append the crossings of the tick in order. NOISY: with those candidates for shot noise whose
   // pixel is `index`, this pixel's place in the block.
@@ -87,12 +97,13 @@ struct Comparators {
   EVS_ALWAYS_INLINE void run(uint32_t index, const std::vector<ShotCandidate>& shots,
                              std::vector<Crossing>& out) {
     const double length = tick;
-    const double v = (to - from) + drift;  // of signal against reference
     const double end = to + drift;
     const uint32_t cause = static_cast<uint32_t>(cause_of(to - from, drift, drift_cause));
     double r = reference;  // expressed at the start of the tick
     uint32_t now = 0;
-    auto signal_at = [&](uint32_t offset) { return on_grid(from + v * (offset / length)); };
+    auto signal_at = [&](uint32_t offset) {
+      return on_grid(from + response.moved(offset / length));
+    };
     // start the refractory period; false if it outlasts the tick
     auto start_refractory = [&](uint32_t stamp) {
       if (refractory == 0) return true;
@@ -122,8 +133,7 @@ struct Comparators {
         const double theta = up ? theta_on : -theta_off;
         const double level = r + theta;
         if (!up && !(level >= end)) break;
-        const uint32_t exact = crossing_time(level - from, v, length);
-        const uint32_t stamp = exact > now ? exact : now;
+        const uint32_t stamp = stamp_of(response, level - from, up, now, tick);
         if (NOISY && stamp > until) break;
         out.push_back(crossing(stamp, cause, up));
         r = level;

@@ -52,6 +52,29 @@ EVS_ALWAYS_INLINE float lowpass(LowpassStep step, float y0, float x0, float x1) 
   return flush_to_zero(y0 + (step.a * (x0 - y0) + step.b * (x1 - x0)), kFaded);
 }
 
+// The same behind a photoreceptor, corrected by how much its bent output falls short of a line.
+EVS_ALWAYS_INLINE float lowpass(LowpassStep step, float y0, float x0, float x1, float short_of) {
+  return flush_to_zero(y0 + ((step.a * (x0 - y0) + step.b * (x1 - x0)) - short_of), kFaded);
+}
+
+// Two poles in series: the photoreceptor's output p goes from p0 to p1 while its input x goes from
+// x0 to x1, and is no line: with the rate k, in units of 1 / tick,
+//   p(u) = p0 + (p1 - p0) u + e (u - (1 - e^-ku) / (1 - e^-k)),  e = (x1 - x0) - (p1 - p0),
+// which is exact for a pole. The follower's step for the line from p0 to p1 is corrected by -e
+// times this: k (b2 a - a2 b) / (a (z2 - k)), where a, b are those of k and a2, b2 those of z2.
+inline constexpr float kStraight = 0x1p-20f;  // a pole below this, as z, bends nothing
+
+// k as the formula takes it: it has a removable singularity at z2.
+EVS_ALWAYS_INLINE float apart_from(float k, float z2) {
+  const float apart = k - z2;
+  const float rate = (apart < 0.0f ? -apart : apart) < z2 * 0x1p-8f ? z2 * 0x1.01p+0f : k;
+  return rate > kStraight ? rate : kStraight;
+}
+
+EVS_ALWAYS_INLINE float follower_lag(float k, LowpassStep first, float z2, LowpassStep second) {
+  return k * (second.b * first.a - second.a * first.b) / (first.a * (z2 - k));
+}
+
 // v2e's Euler step, which sees the new light for the whole tick: y1 = y0 + min(1, z) (x1 - y0).
 EVS_ALWAYS_INLINE float lowpass_euler(float z, float y0, float x1) {
   const float share = z < 1.0f ? z : 1.0f;
@@ -72,6 +95,18 @@ EVS_ALWAYS_INLINE float lowpass_euler(float z, float y0, float x1) {
 // In this form a pixel that has settled (s = 0, x1 = y0) has rho = 0 exactly, small steps keep
 // their relative precision, and no exponential of a large positive number occurs.
 inline constexpr float kSlowest = 0x1p-90f;  // a z below this moves nothing
+
+// The rate at which y approaches x at first: y' = k (x - y), k = z (1 - e^-d) / d with d = x - y.
+EVS_ALWAYS_INLINE float large_signal_rate(float any_z, float y0, float x0) {
+  const float z = at_most(flush_to_zero(any_z, kSlowest), kLongest);
+  const float d = x0 - y0;
+  const float size = at_most(d, kSettled);
+  const bool near = size < 0x1p-12f;
+  const ExpParts parts = exp_parts(size);
+  const float into_light = one_minus_exp(parts) / select(near, 1.0f, size);
+  const float share = select(d < 0.0f, into_light / exp_minus(parts), into_light);
+  return at_most(select(near, z, z * share), kLongest);
+}
 
 EVS_ALWAYS_INLINE float large_signal(float any_z, float y0, float x0, float x1) {
   const float z = at_most(flush_to_zero(any_z, kSlowest), kLongest);

@@ -37,6 +37,7 @@ struct NoisyComparators {
     length = pixel.tick;
     v = (pixel.to - pixel.from) + pixel.drift;
     r = pixel.reference;
+    signal = pixel.from;
     const bool stepped = r == r;  // `whole` is of this reference
     if (!stepped) {
       if (pixel.blind_until > pixel.begin_us + pixel.tick) {
@@ -52,7 +53,7 @@ struct NoisyComparators {
       const size_t first = NOISY ? first_shot(index, shots) : shots.size();
       const uint32_t until = first < shots.size() ? shots[first].offset : pixel.tick;
       const auto outcome = quiet.run(pixel.begin_us + until, budget, draws);
-      now = static_cast<double>(outcome.us - pixel.begin_us);
+      go_to(static_cast<double>(outcome.us - pixel.begin_us));
       if (outcome.fired) {
         const Cause cause = outcome.leaked ? pixel.drift_cause : Cause::shot;
         if (!fire(out, now, outcome.up, cause)) return;
@@ -82,10 +83,11 @@ struct NoisyComparators {
 
  private:
   double length = 0.0;
-  double v = 0.0;     // by how much the signal moves against the reference in the tick
-  double r = 0.0;     // reference at the start of the tick
-  double now = 0.0;   // us after the start of the tick
-  uint32_t last = 1;  // stamp
+  double v = 0.0;       // by how much the signal moves against the reference in the tick
+  double r = 0.0;       // reference at the start of the tick
+  double now = 0.0;     // us after the start of the tick
+  double signal = 0.0;  // now
+  uint32_t last = 1;    // stamp
 
   size_t first_shot(uint32_t index, const std::vector<ShotCandidate>& shots) const {
     size_t k = 0;
@@ -93,7 +95,12 @@ struct NoisyComparators {
     return k;
   }
 
-  double signal_at(double us) const { return pixel.from + v * (us / length); }
+  double signal_at(double us) const { return pixel.from + pixel.response.moved(us / length); }
+
+  void go_to(double us) {
+    now = us;
+    signal = signal_at(us);
+  }
 
   double keep(double us) const {
     return 1.0 - static_cast<double>(lowpass_a(static_cast<float>(band.decay * us)));
@@ -116,8 +123,8 @@ struct NoisyComparators {
   void restart(int64_t us) {
     const double value =
         mean + band.sigma * unknown_share(memory) * draws.standard_normal(pixel.begin_us + us);
-    now = static_cast<double>(us);
-    r = on_grid(signal_at(now) + value);
+    go_to(static_cast<double>(us));
+    r = on_grid(signal + value);
     know(value);
     budget = draws.renew(pixel.begin_us + us);
   }
@@ -126,7 +133,7 @@ struct NoisyComparators {
   // level passes some of the noise.
   bool lifted_to_threshold() {
     const double sigma = band.sigma * unknown_share(memory);
-    const double distance = pixel.theta_on - (signal_at(now) - r) - mean;
+    const double distance = pixel.theta_on - (signal - r) - mean;
     const double scale = 1.0 / (sigma + 1e-12);
     const double lifted = in_deviations((distance - pixel.crosstalk) * scale, 8.0);
     const double passed = lifted < kPassed
@@ -169,8 +176,8 @@ struct NoisyComparators {
     r += up ? pixel.theta_on : -pixel.theta_off;
     // noise fires once a us
     now = cause != Cause::shot ? us : rounded > now ? rounded : std::floor(now) + 1.0;
-    now = now < length ? now : length;
-    know(r - signal_at(now));
+    go_to(now < length ? now : length);
+    know(r - signal);
     if (pixel.refractory > 0) return blind(stamp);
     budget = draws.renew(pixel.begin_us + stamp);
     return true;
@@ -237,7 +244,7 @@ struct NoisyComparators {
     const double scale0 = 1.0 / (band.sigma * unknown_share(memory) + 1e-12);
     const double scale1 = 1.0 / (band.sigma * unknown_share(step.memory1) + 1e-12);
     const double farthest = farthest_level(memory);
-    const double above0 = (signal_at(now) - r) + mean;
+    const double above0 = (signal - r) + mean;
     const double above1 = (signal_at(end) - r) + step.mean1;
     step.on = level(in_deviations((pixel.theta_on - above0) * scale0, farthest),
                     in_deviations((pixel.theta_on - above1) * scale1, farthest), step.passages);
@@ -250,17 +257,25 @@ struct NoisyComparators {
   double share_of(const NoiseStep& step, bool up, double x, double end) const {
     const NoiseLevel& level = up ? step.on : step.off;
     double share = (level.x0 - x) / (level.x0 - level.x1);
-    if (memory == 0.0) return share;
-    const double above0 = (signal_at(now) - r) + mean;
+    const double above0 = (signal - r) + mean;
     const double above1 = (signal_at(end) - r) + step.mean1;
     const double distance0 = up ? pixel.theta_on - above0 : pixel.theta_off + above0;
     const double nearer = up ? above1 - above0 : above0 - above1;
+    if (!(nearer > 0.0)) return share;
+    double left = 0.0;
     for (int i = 0; i < 2; i++) {
       const double known = memory + (step.memory1 - memory) * share;
-      const double left = distance0 - x * band.sigma * unknown_share(known);
-      share = nearer > 0.0 ? std::clamp(left / nearer, 0.0, 1.0) : share;
+      left = distance0 - x * band.sigma * unknown_share(known);
+      share = std::clamp(left / nearer, 0.0, 1.0);
     }
-    return share;
+    if (!pixel.response.bends) return share;
+    // the mean of the noise drifts, too
+    const double begin = now / length;
+    const double part = (end - now) / length;
+    const Response both = pixel.response.drifting((step.mean1 - mean) / part);
+    const double from = (signal - pixel.from) + (both.end - pixel.response.end) * begin;
+    const double at = share_at(both, up ? from + left : from - left, up, begin, from, length);
+    return std::clamp((at - begin) / part, 0.0, 1.0);
   }
 
   // Step up to `until`, with all events before it; false if the pixel is blind for the rest.
@@ -280,7 +295,7 @@ struct NoisyComparators {
       const double hazard = random + (step.on.moving + step.off.moving);
       if (hazard < budget) {
         budget = budget_left(budget, hazard);
-        now = end;
+        go_to(end);
         mean = step.mean1;
         memory = step.memory1;
         end = until;

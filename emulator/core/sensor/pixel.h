@@ -130,6 +130,10 @@ struct PixelStep {
   float photon_scale;  // sigma^2 DN / z
   LowpassStep follower;
   LowpassStep highpass;
+  bool curves;  // signals are not lines inside the tick
+
+  // Whether the follower sees the output of a photoreceptor that bends inside the tick.
+  bool bends() const { return settings.lowpass() && follower_z > kStraight; }
 };
 
 inline PixelStep prepare_step(const PixelSettings& settings, const PixelPattern& pattern,
@@ -139,6 +143,9 @@ inline PixelStep prepare_step(const PixelSettings& settings, const PixelPattern&
     return flush_to_zero(static_cast<float>(rate * tick.us), std::numeric_limits<float>::min());
   };
   const float follower_z = in_a_tick(settings.follower);
+  const bool curves = !settings.steps_as_euler() && tick.us > 1 &&
+                      (settings.lowpass() || follower_z > kStraight) &&
+                      (settings.follower == 0.0 || follower_z > kStraight);
   return {settings,
           pattern,
           arrays,
@@ -150,7 +157,8 @@ inline PixelStep prepare_step(const PixelSettings& settings, const PixelPattern&
           follower_z,
           static_cast<float>(settings.photon.scale / tick.us),
           lowpass_step(follower_z),
-          lowpass_step(in_a_tick(settings.highpass))};
+          lowpass_step(in_a_tick(settings.highpass)),
+          curves};
 }
 
 }  // namespace evs

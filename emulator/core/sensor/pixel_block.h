@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -47,8 +48,9 @@ inline double first_noise(const PixelStep& step, size_t pixel, float dn, double&
 
 // The comparators of a pixel in any state: at a threshold, without a reference, or with noise.
 template <bool NOISY>
-EVS_CALL_ON_DEVICE void compare(const PixelStep& step, size_t pixel, float from, float to, float dn,
-                                double reference, double drift, const BudgetScratch& budgets,
+EVS_CALL_ON_DEVICE void compare(const PixelStep& step, size_t pixel, const Response& response,
+                                float from, float to, float dn, double reference, double drift,
+                                const BudgetScratch& budgets,
                                 const std::vector<ShotCandidate>& shots,
                                 std::vector<Crossing>& out) {
   const PixelPattern& pattern = step.pattern;
@@ -69,6 +71,7 @@ EVS_CALL_ON_DEVICE void compare(const PixelStep& step, size_t pixel, float from,
   comparators.from = from;
   comparators.to = to;
   comparators.drift = drift;
+  comparators.response = response;
   comparators.begin_us = step.tick.begin_us;
   comparators.tick = step.tick.us;
   comparators.refractory = refractory_us(step.settings, pattern, pixel);
@@ -113,15 +116,14 @@ EVS_CALL_ON_DEVICE void compare(const PixelStep& step, size_t pixel, float from,
 // The common case: a pixel at a threshold, with a reference and without noise. Gives what
 // `Comparators::run` gives. REFRACTORY: there is a refractory period.
 template <bool REFRACTORY>
-EVS_ALWAYS_INLINE void compare_simple(const PixelStep& step, size_t pixel, float signal_from,
-                                      float signal_to, double reference, double drift,
-                                      std::vector<Crossing>& out) {
+EVS_ALWAYS_INLINE void compare_simple(const PixelStep& step, size_t pixel, const Response& response,
+                                      float signal_from, float signal_to, double reference,
+                                      double drift, std::vector<Crossing>& out) {
   const double on = step.pattern.theta_on[pixel];
   const double off = step.pattern.theta_off[pixel];
   const double tick = step.tick.us;
   const double from = signal_from;
   const double span = signal_to - from;
-  const double v = span + drift;
   const double end = signal_to + drift;
   uint32_t tag = 0;
   if (step.settings.causes) {
@@ -134,8 +136,7 @@ EVS_ALWAYS_INLINE void compare_simple(const PixelStep& step, size_t pixel, float
   do {
     // fire, and move the reference by a threshold
     const double level = r + select(up, on, -off);
-    const uint32_t exact = crossing_time(level - from, v, tick);
-    const uint32_t stamp = exact > now ? exact : now;
+    const uint32_t stamp = stamp_of(response, level - from, up, now, step.tick.us);
     out.push_back({static_cast<uint32_t>(pixel), (stamp << kTagBits) | tag | (up ? 1u : 0u)});
     r = level;
     now = stamp;
@@ -149,7 +150,7 @@ EVS_ALWAYS_INLINE void compare_simple(const PixelStep& step, size_t pixel, float
         break;
       }
       now = static_cast<uint32_t>(until);
-      r = on_grid(from + v * (now / tick));
+      r = on_grid(from + response.moved(now / tick));
     }
     up = r + on <= end;
   } while (up | (r - off >= end));
@@ -261,6 +262,24 @@ EVS_ALWAYS_INLINE uint64_t pixels_at_threshold(const float* __restrict theta_on,
   return pixels;
 }
 
+// A bound of the signal of pixel i of a block inside the tick, against its reference.
+EVS_ALWAYS_INLINE double highest_of(const PixelStep& step, size_t first, size_t i, const Scratch& s,
+                                    Signal signal, double drift) {
+  double highest = std::max<double>(signal.from[i], signal.to[i]);
+  if (step.curves) {
+    // it is between its inputs, which bend by no more than they differ
+    const double x0 = step.arrays.last_log[first + i];
+    const double x1 = s.log[i];
+    highest = std::max(highest, std::max(x0, x1));
+    if (step.settings.lowpass()) {
+      const double p0 = s.from[0][i];
+      const double p1 = step.arrays.filtered[first + i];
+      highest = std::max(highest, std::max(p0, p1)) + std::abs((x1 - x0) - (p1 - p0));
+    }
+  }
+  return std::max(highest, highest + drift);
+}
+
 // Whether a candidate is below the rate of its pixel at this light.
 EVS_ALWAYS_INLINE bool accepts(const PixelStep& step, size_t first, const ShotCandidate& shot,
                                float dn) {
@@ -348,7 +367,7 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
   for (uint64_t left = read & ~(noisy | at_threshold); left != 0; left &= left - 1) {
     const size_t i = static_cast<size_t>(std::countr_zero(left));
     const double drift = drifts ? s.drift[i] : 0.0;
-    const double highest = std::max<double>(signal.from[i], signal.to[i] + drift);
+    const double highest = highest_of(step, first, i, s, signal, drift);
     const double level = (drifts ? s.reference[i] : reference[i]) + theta_on[i];
     // 2^-40 covers the rounding of the signal
     if (highest + step.settings.aps_crosstalk + 0x1p-40 >= level) noisy |= uint64_t{1} << i;
@@ -368,16 +387,17 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
     const size_t i = static_cast<size_t>(std::countr_zero(left));
     const double r = drifts ? s.reference[i] : reference[i];
     const double drift = drifts ? s.drift[i] : 0.0;
+    const Response response = response_of(step, first, i, s, signal, drift);
     if ((noisy >> i & 1) != 0) {
-      compare<true>(step, first + i, signal.from[i], signal.to[i], s.dn[i], r, drift, budgets,
-                    shots, out);
+      compare<true>(step, first + i, response, signal.from[i], signal.to[i], s.dn[i], r, drift,
+                    budgets, shots, out);
     } else if (r != r || photon_noise) {
-      compare<false>(step, first + i, signal.from[i], signal.to[i], s.dn[i], r, drift, budgets,
-                     shots, out);
+      compare<false>(step, first + i, response, signal.from[i], signal.to[i], s.dn[i], r, drift,
+                     budgets, shots, out);
     } else if (refractory) {
-      compare_simple<true>(step, first + i, signal.from[i], signal.to[i], r, drift, out);
+      compare_simple<true>(step, first + i, response, signal.from[i], signal.to[i], r, drift, out);
     } else {
-      compare_simple<false>(step, first + i, signal.from[i], signal.to[i], r, drift, out);
+      compare_simple<false>(step, first + i, response, signal.from[i], signal.to[i], r, drift, out);
     }
   }
   // store the state of the block

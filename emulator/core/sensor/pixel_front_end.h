@@ -12,6 +12,7 @@
 #include "comparator.h"
 #include "leak_noise.h"
 #include "pixel.h"
+#include "response.h"
 
 namespace evs {
 
@@ -23,6 +24,7 @@ struct Scratch {
   alignas(64) float log_part[kBlock];
   alignas(64) float a[kBlock];  // LowpassStep at the light of each pixel
   alignas(64) float b[kBlock];
+  alignas(64) float lag[kBlock];         // of the follower behind a photoreceptor
   alignas(64) float log[kBlock];         // log intensity at the end of the tick
   alignas(64) float from[2][kBlock];     // output of each filter at the start of the tick
   alignas(64) double reference[kBlock];  // at the start of the tick
@@ -140,6 +142,43 @@ struct Signal {
   const float* to;
 };
 
+// The rate of a photoreceptor, in units of 1 / tick. In: its output and its input at the start of
+// the tick.
+EVS_ALWAYS_INLINE float photoreceptor_rate(const PixelStep& step, float dn, float y0, float x0) {
+  const float z = step.lowpass_low + step.lowpass_slope * dn;
+  return step.settings.steps_by_large_signal() ? large_signal_rate(z, y0, x0)
+                                               : at_most(flush_to_zero(z, kSlowest), kLongest);
+}
+
+// The follower's lag behind a block of photoreceptors, and their rates and LowpassStep::a.
+EVS_ALWAYS_INLINE void follower_lags(const PixelStep& step, size_t first, size_t count,
+                                     Scratch& s) {
+  const float* __restrict x0 = step.arrays.last_log + first;
+  const float* __restrict p0 = s.from[0];
+  const float* __restrict dn = s.dn;
+  const LowpassStep follower = step.follower;
+  const float z = step.follower_z;
+  float* __restrict rate = s.a;
+  float* __restrict share = s.b;
+  float* __restrict lag = s.lag;
+  if (step.settings.steps_by_large_signal()) {
+    for (size_t i = 0; i < count; i++) {
+      rate[i] = large_signal_rate(step.lowpass_low + step.lowpass_slope * dn[i], p0[i], x0[i]);
+    }
+  } else {
+    for (size_t i = 0; i < count; i++) {
+      rate[i] = at_most(step.lowpass_low + step.lowpass_slope * dn[i], kLongest);
+    }
+  }
+  for (size_t i = 0; i < count; i++) {
+    const float k = apart_from(rate[i], z);
+    const LowpassStep pole = lowpass_step(k);
+    rate[i] = k;
+    share[i] = pole.a;
+    lag[i] = follower_lag(k, pole, z, follower);
+  }
+}
+
 // Limit the bandwidth of the log intensity.
 EVS_ALWAYS_INLINE Signal limit_bandwidth(const PixelStep& step, size_t first, size_t count,
                                          Scratch& s, bool& changed) {
@@ -181,19 +220,72 @@ EVS_ALWAYS_INLINE Signal limit_bandwidth(const PixelStep& step, size_t first, si
     float* state = step.arrays.followed + first;
     const LowpassStep follower = step.follower;
     const float z = step.follower_z;
-    auto exact_step = [=](size_t, float y0, float x0, float x1) {
-      return lowpass(follower, y0, x0, x1);
-    };
     auto euler_step = [=](size_t, float y0, float, float x1) { return lowpass_euler(z, y0, x1); };
     // the input is not overwritten by the output
     if (euler) {
       filter(euler_step, last_log, s.log, signal.from, signal.to, state, count, s.from[1], changed);
+    } else if (step.bends()) {
+      // the photoreceptor's output is no line
+      follower_lags(step, first, count, s);
+      const float* __restrict lag = s.lag;
+      const float* __restrict x0 = last_log;
+      const float* __restrict x1 = s.log;
+      auto exact_step = [=](size_t i, float y0, float p0, float p1) {
+        const float bend = (x1[i] - x0[i]) - (p1 - p0);
+        return lowpass(follower, y0, p0, p1, bend * lag[i]);
+      };
+      filter(exact_step, last_log, s.log, signal.from, signal.to, state, count, s.from[1], changed);
     } else {
+      auto exact_step = [=](size_t, float y0, float x0, float x1) {
+        return lowpass(follower, y0, x0, x1);
+      };
       filter(exact_step, last_log, s.log, signal.from, signal.to, state, count, s.from[1], changed);
     }
     signal = {s.from[1], state};
   }
   return signal;
+}
+
+// The signal of pixel i of a block inside the tick, against a reference that sinks by `drift`.
+EVS_CALL_ON_DEVICE inline Response response_of(const PixelStep& step, size_t first, size_t i,
+                                               const Scratch& s, Signal signal, double drift) {
+  const double moved = static_cast<double>(signal.to[i]) - signal.from[i];
+  Response response = Response::line(moved + drift);
+  if (!step.curves || moved == 0.0) return response;
+  const PixelArrays& arrays = step.arrays;
+  const double x0 = arrays.last_log[first + i];
+  const double span = static_cast<double>(s.log[i]) - x0;
+  const bool follows = step.settings.follower > 0.0;
+  double a = 0.0, b = 0.0;
+  double input = x0;  // of the follower
+  if (step.settings.lowpass()) {
+    // its output falls behind a line with the slope of its input
+    const float p0 = s.from[0][i];
+    response.k =
+        follows ? s.a[i] : photoreceptor_rate(step, s.dn[i], p0, arrays.last_log[first + i]);
+    a = follows ? s.b[i] : lowpass_a(response.k);
+    response.settling = response.k > 0.0f ? 1.0 / response.k : 0.0;
+    const double bend = span - (static_cast<double>(arrays.filtered[first + i]) - p0);
+    response.first = a > 0.0 ? -(bend / a) : 0.0;
+    input = p0;
+  }
+  if (follows) {
+    response.z = step.follower_z;
+    b = step.follower.a;
+    const double z = response.z;
+    const double lasts = 1.0 / z;
+    response.settling += lasts;
+    response.second = (input - signal.from[i]) - span * lasts;
+    if (step.settings.lowpass()) {
+      const double k = response.k;
+      const double share = response.first / (z - k);
+      response.second -= share * k;
+      response.first = share * z;
+    }
+  }
+  // rounding of the filters is spread over the tick
+  response.slope = response.end - (response.first * a + response.second * b);
+  return straighten(response, step.tick.us);
 }
 
 // The references at the start of the tick and by how much they sink in it, into the scratch.

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 from evs.emulator.sensor.reference.noise import ROW_READ, Candidate, on_grid
+from evs.emulator.sensor.reference.response import Response
 from evs.msgs import Cause
 
 
@@ -51,17 +52,22 @@ class PixelTick:
     """rate of both"""
     crosstalk: float = 0.0
     """by how much the read of its row lifts the signal for an instant"""
+    bent: Response | None = None
+    """how the signal moves inside the tick; None: in a line"""
+
+    @property
+    def response(self) -> Response:
+        """How the signal moves against the reference."""
+        return self.bent or Response((self.signal_end - self.signal) + self.drift)
 
 
 def compare(p: PixelTick) -> tuple[list[PixelEvent], float, int]:
     """The events in order; the reference at the end of the tick; until when the pixel is blind.
 
     References are given as they would have been at the start of the tick: then the levels stand
-    still, and the signal moves by `speed` in the tick.
+    still, and the signal moves by what it moves against the reference.
     """
-    span = p.signal_end - p.signal
-    speed = span + p.drift
-    end = p.signal_end + p.drift
+    span, response = p.signal_end - p.signal, p.response
     moving = Cause.SIGNAL if abs(p.drift) <= abs(span) else Cause.HOT if p.hot else Cause.LEAK
     events: list[PixelEvent] = []
     shots = list(p.shots)
@@ -69,7 +75,7 @@ def compare(p: PixelTick) -> tuple[list[PixelEvent], float, int]:
     wake = p.blind_until_us - p.begin_us if math.isnan(reference) else None
 
     def signal_at(offset_us: int) -> float:
-        return float(on_grid(p.signal + speed * (offset_us / p.tick_us)))
+        return float(on_grid(p.signal + response.moved(offset_us / p.tick_us)))
 
     while True:
         # blind until `wake`, and then the reference is the signal
@@ -80,14 +86,7 @@ def compare(p: PixelTick) -> tuple[list[PixelEvent], float, int]:
             shots = [shot for shot in shots if shot.offset_us >= now]
 
         # what comes next; of two at the same us the level
-        level, polarity = None, 0
-        if reference + p.on <= end:
-            level, polarity = reference + p.on, 1
-        elif reference - p.off >= end:
-            level = reference - p.off
-        reached = (
-            math.inf if level is None else max(now, _stamp(level - p.signal, speed, p.tick_us))
-        )
+        level, polarity, reached = _next_level(p, reference, now)
         if level is not None and (not shots or reached <= shots[0].offset_us):
             now, reference, cause = int(reached), level, moving
         elif shots:
@@ -106,14 +105,20 @@ def compare(p: PixelTick) -> tuple[list[PixelEvent], float, int]:
             wake = now + p.refractory_us
 
 
+def _next_level(p: PixelTick, reference: float, now: int) -> tuple[float | None, int, float]:
+    """The next level that the signal reaches, its polarity, and when; None and inf if none."""
+    end = p.signal_end + p.drift
+    if reference + p.on <= end:
+        level, polarity = reference + p.on, 1
+    elif reference - p.off >= end:
+        level, polarity = reference - p.off, 0
+    else:
+        return None, 0, math.inf
+    return level, polarity, p.response.stamp(level - p.signal, polarity == 1, now, p.tick_us)
+
+
 def _fires(p: PixelTick, shot: Candidate, above: float) -> bool:
     """Whether a candidate fires a pixel whose signal is so far above its reference, log units."""
     if shot.lot_hz == ROW_READ:
         return above + p.crosstalk >= p.on
     return shot.lot_hz < p.shot_hz
-
-
-def _stamp(part: float, speed: float, tick_us: int) -> int:
-    """When a line that moves `speed` in a tick has moved `part`, us, rounded up into [1, tick]."""
-    after = part * float(tick_us) / speed if speed else 0.0
-    return min(tick_us, max(1, math.ceil(after))) if after < tick_us else tick_us

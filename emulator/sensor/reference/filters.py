@@ -19,6 +19,8 @@ FOR_EVER = np.float32(2.0**100)
 """the largest z"""
 FADED = np.float32(2.0**-64)
 """a filter closer to 0 is 0, log units"""
+STRAIGHT = np.float32(2.0**-20)
+"""z below which a pole bends nothing inside a tick"""
 SLOWEST = np.float32(2.0**-90)
 """a z below this does not move the large-signal photoreceptor"""
 NEAR = np.float32(0.046875)
@@ -123,8 +125,40 @@ def at_most(value: F32, limit: np.float32) -> F32:
     return np.where(np.abs(value) < limit, np.abs(value), limit)
 
 
-def follow(z: F32, y: F32, x0: F32, x1: F32, law: str) -> F32:
-    """The filter's next value: from y, while its input goes from x0 to x1 in a line."""
+def large_signal_rate(z: F32, y0: F32, x0: F32) -> F32:
+    """The rate at which the large-signal photoreceptor approaches its light at first."""
+    one = np.float32(1)
+    with np.errstate(all="ignore"):
+        z = at_most(np.where(np.abs(z) < SLOWEST, np.float32(0), z), FOR_EVER)
+        d = x0 - y0
+        size = at_most(d, SETTLED)
+        near = size < np.float32(2.0**-12)
+        into_light = one_minus_exp(size) / np.where(near, one, size)
+        share = np.where(d < 0, into_light / exp_minus(size), into_light)
+        return at_most(np.where(near, z, z * share), FOR_EVER)
+
+
+def apart_from(k: F32, z: np.float32) -> F32:
+    """The rate of a photoreceptor, not too near that of the follower, nor 0."""
+    near = np.abs(k - z) < z * np.float32(2.0**-8)
+    rate = np.where(near, z * np.float32(1 + 2.0**-8), k)
+    return np.where(rate > STRAIGHT, rate, STRAIGHT)
+
+
+def follower_lag(k: F32, z: np.float32) -> F32:
+    """By how much the follower falls short of its step for a line, of a bend of 1."""
+    a, b = shares(k)
+    a2, b2 = (share[0] for share in shares(np.array([z])))
+    with np.errstate(under="ignore"):
+        lag: F32 = k * (b2 * a - a2 * b) / (a * (z - k))
+    return lag
+
+
+def follow(z: F32, y: F32, x0: F32, x1: F32, law: str, short_of: F32 | None = None) -> F32:
+    """The filter's next value: from y, while its input goes from x0 to x1 in a line.
+
+    Where the input is no line, a linear pole falls short of the step for a line.
+    """
     with np.errstate(under="ignore"):
         if law == "euler":
             out = y + np.where(z < np.float32(1), z, np.float32(1)) * (x1 - y)
@@ -132,7 +166,8 @@ def follow(z: F32, y: F32, x0: F32, x1: F32, law: str) -> F32:
             out = large_signal(z, y, x0, x1)
         else:
             a, b = shares(z)
-            out = y + (a * (x0 - y) + b * (x1 - x0))
+            moves = a * (x0 - y) + b * (x1 - x0)
+            out = y + (moves if short_of is None else moves - short_of)
     return np.where(np.abs(out) < FADED, np.float32(0), out)
 
 

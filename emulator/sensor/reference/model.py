@@ -16,7 +16,19 @@ from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.pixel import BLOCK, PlainState, check_tick
 from evs.emulator.sensor.reference import photon_noise
 from evs.emulator.sensor.reference.comparators import PixelEvent, PixelTick, compare
-from evs.emulator.sensor.reference.filters import bandwidth, follow, share_of_tick, shares
+from evs.emulator.sensor.reference.filters import (
+    FOR_EVER,
+    SLOWEST,
+    STRAIGHT,
+    apart_from,
+    at_most,
+    bandwidth,
+    follow,
+    follower_lag,
+    large_signal_rate,
+    share_of_tick,
+    shares,
+)
 from evs.emulator.sensor.reference.light import is_light, log_light, to_dn
 from evs.emulator.sensor.reference.noise import (
     NEVER,
@@ -29,6 +41,7 @@ from evs.emulator.sensor.reference.noise import (
     on_grid,
     shot_share,
 )
+from evs.emulator.sensor.reference.response import Filters
 from evs.emulator.sensor.running_mean import RunningMeanConstants, RunningMeanState
 from evs.msgs import Events, make_events
 
@@ -80,7 +93,8 @@ class ReferenceModel:
         light, seen = self._light(luminance, state)
         dn = to_dn(seen, self.sensor)
         log = np.where(seen > -running_mean.BLACK, log_light(seen, self.sensor), state.last_log)
-        start, end = self._signal(log, dn, state, begins, tick_us)
+        filters = self._filter(log, dn, state, begins, tick_us)
+        start, end = filters.signal
         drift = self._drift(start, end, dn, state, pattern, tick_us)
         shots = self._shots(state, pattern, tick_us)
         self._add_row_reads(shots, t_begin_us, t_end_us)
@@ -129,6 +143,7 @@ class ReferenceModel:
                     else int(pattern.refractory_us.flat[i])
                 ),
                 hot=pattern.hot is not None and bool(pattern.hot.flat[i]),
+                bent=filters.response(i, float(drift.flat[i]), tick_us),
             )
             if i in shots:
                 pixel = replace(
@@ -180,25 +195,39 @@ class ReferenceModel:
         state.mean, state.noise, state.drift = after.mean, after.noise, after.drift
         return light, mean
 
-    def _signal(
+    def _filter(
         self, log: F32, dn: F32, state: PlainState, begins: np.ndarray, tick_us: int
-    ) -> tuple[F32, F32]:
-        """The signal that the comparators see, at the start and the end of the tick."""
+    ) -> Filters:
+        """The filters over the tick; their outputs into the state."""
         start, end, law = state.last_log, log, self.sensor.filter
+        light = start, end
+        photoreceptor = rate = follower_z = None
         if state.filtered is not None:
             z = bandwidth(self.sensor, dn, tick_us)
             after = follow(z, state.filtered, start, end, law)
             start, end = state.filtered, np.where(begins, log, after)
             start = np.where(begins, log, start)
             state.filtered = end
+            photoreceptor = start, end
+            if law == "large_signal":
+                rate = large_signal_rate(z, start, light[0])
+            else:
+                rate = at_most(np.where(np.abs(z) < SLOWEST, np.float32(0), z), FOR_EVER)
         if state.followed is not None:
-            z = np.full_like(log, share_of_tick(self.sensor.follower_hz, tick_us))
+            follower_z = share_of_tick(self.sensor.follower_hz, tick_us)
+            short_of: F32 | None = None
+            if rate is not None and law != "euler" and follower_z > STRAIGHT:
+                rate = apart_from(rate, follower_z)
+                bend = (light[1] - light[0]) - (end - start)
+                short_of = bend * follower_lag(rate, follower_z)
+            z = np.full_like(log, follower_z)
             # the follower is a linear pole in front of any comparator
-            after = follow(z, state.followed, start, end, "euler" if law == "euler" else "exact")
+            linear = "euler" if law == "euler" else "exact"
+            after = follow(z, state.followed, start, end, linear, short_of)
             start, end = state.followed, np.where(begins, log, after)
             start = np.where(begins, log, start)
             state.followed = end
-        return start, end
+        return Filters(light, (start, end), photoreceptor, rate, follower_z, euler=law == "euler")
 
     def _drift(
         self,

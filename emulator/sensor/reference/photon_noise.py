@@ -485,8 +485,7 @@ class NoisyPixel:
         return self.events, self.r - p.drift, p.blind_until_us
 
     def _signal(self, us: float) -> float:
-        speed = (self.p.signal_end - self.p.signal) + self.p.drift
-        return self.p.signal + speed * (us / float(self.p.tick_us))
+        return self.p.signal + self.p.response.moved(us / float(self.p.tick_us))
 
     def _forget(self, us: float) -> None:
         kept = self.band.keep(us)
@@ -663,18 +662,26 @@ class NoisyPixel:
         """Where in a step its level has come to x deviations, as a share of the step."""
         p, level = self.p, step.on if up else step.off
         share = (level.x0 - x) / (level.x0 - level.x1)
-        if self.memory == 0.0:
-            return share
         above0 = (self._signal(self.now) - self.r) + self.mean
         above1 = (self._signal(end) - self.r) + step.mean1
         distance0 = p.on - above0 if up else p.off + above0
         nearer = above1 - above0 if up else above0 - above1
+        if not nearer > 0.0:
+            return share
+        left = 0.0
         for _ in range(2):
             known = self.memory + (step.memory1 - self.memory) * share
             left = distance0 - x * self.band.sigma * unknown_share(known)
-            if nearer > 0.0:
-                share = max(0.0, min(1.0, left / nearer))
-        return share
+            share = max(0.0, min(1.0, left / nearer))
+        response, tick_us = p.response, float(p.tick_us)
+        if not response.bends:
+            return share
+        # the mean of the noise drifts, too
+        begin, part = self.now / tick_us, (end - self.now) / tick_us
+        both = response.drifting((step.mean1 - self.mean) / part)
+        moved = (self._signal(self.now) - p.signal) + (both.end - response.end) * begin
+        at = both.share_at(moved + left if up else moved - left, up, begin, moved, p.tick_us)
+        return max(0.0, min(1.0, (at - begin) / part))
 
     def _advance(self, until: float, whole: Step | None) -> int | None:
         """Up to `until`; when the pixel is blind beyond the tick, until when."""
