@@ -56,6 +56,10 @@ TRIGGER_DTYPE = np.dtype(
 )
 INDEX_DTYPE = np.dtype([("id", "<u8"), ("ts", "<i8")])
 
+SECTORS = {"alignment_threshold": 1, "alignment_interval": 512, "meta_block_size": 1}
+"""each block begins with a sector of the disk: a power cut between two sectors then tears no header
+that is written again, whose checksum would make the whole file unreadable"""
+
 Entries = np.ndarray[Any, Any]
 
 
@@ -121,7 +125,7 @@ class _Hdf5Recorder(LibraryRecorder):
         """Write events, (n,) with n > 0, after the first `_length`, and their index."""
 
     def _create(self, path: Path) -> None:
-        self._file = self._h5py.File(path, "w", libver=("v110", "v110"))
+        self._file = self._h5py.File(path, "w", libver=("v110", "v110"), **SECTORS)
         stream_text = json.dumps(dataclasses.asdict(self.stream), default=str)
         self._file.create_dataset(STREAM, data=stream_text)
         self._whole = self._file.create_dataset(WHOLE, data=np.int64(0))
