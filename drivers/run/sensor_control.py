@@ -62,19 +62,27 @@ class SensorControl:
         self._world = world
         self.changes: list[dict[str, Any]] = []
         """of every change: t_us, from which time on, camera, and values"""
+        self._initial: dict[tuple[str, str], float] = {}
+        """(camera, key) -> the first value that was described"""
 
     def parameters(self) -> dict[str, list[dict[str, Any]]]:
         """Describe what may change.
 
         Returns:
-            For each camera, by its name: key, value, lowest, highest, unit, text of each parameter;
-            biases have integers. Empty for a camera that takes no changes.
+            For each camera, by its name: key, value, initial (with which the run began), lowest,
+            highest, unit, text of each parameter; biases have integers. Empty for a camera that
+            takes no changes.
         """
-        return {
+        found = {
             one.name: [*_parameters(one), *_biases(one)]
             for one in self._world.cameras
             if isinstance(one, AdjustableCamera)
         }
+        for camera, described in found.items():
+            for about in described:
+                key = camera, about["key"]
+                about["initial"] = self._initial.setdefault(key, about["value"])
+        return found
 
     def set(self, camera: str, values: Mapping[str, object]) -> None:
         """Change parameters of a camera from the next tick on.
@@ -86,6 +94,8 @@ class SensorControl:
         Raises:
             EvsError: No such camera or key, or an impossible value; nothing has changed.
         """
+        # what the run began with is described before it changes
+        self.parameters()
         found = {one.name: one for one in self._world.cameras if isinstance(one, AdjustableCamera)}
         if not found:
             raise EvsError("no sensor of this run changes while it runs")

@@ -142,7 +142,13 @@ class Shown:
         self.asked.append((name, arguments))
         if name == "set":
             self.value = arguments["values"]["pos_thres"]
-        limits = {"lowest": 0.001, "highest": 20.0, "unit": "log units", "text": "ON threshold"}
+        limits = {
+            "initial": 0.2,
+            "lowest": 0.001,
+            "highest": 20.0,
+            "unit": "log units",
+            "text": "ON threshold",
+        }
         return {"cameras": {"left": [{"key": "pos_thres", "value": self.value, **limits}]}}
 
     def close(self) -> None:
@@ -249,6 +255,14 @@ def test_a_dragged_slider_asks_for_its_value(shown: Shown, tmp_path: Path) -> No
         assert shown.value == pytest.approx(0.2 * 10**0.5, rel=0.2)
         shown_text = f"'{shown.value:.3g} log units'"
         page.wait(f"document.querySelector('.parameters span').textContent === {shown_text}")
+        # it stays where it was put: three quarters of the way
+        slider = "(s => (s.value - s.min) / (s.max - s.min))"
+        slider += "(document.querySelector('.parameters input'))"
+        assert page.evaluate(slider) == pytest.approx(0.75, abs=0.06)
+        page.evaluate("document.querySelector('.parameters button').click()")
+        page.wait("document.querySelector('.parameters span').textContent === '0.2 log units'")
+        assert shown.value == 0.2
+        assert page.evaluate(slider) == pytest.approx(0.5, abs=0.01)
 
 
 def test_events_reach_pixels(

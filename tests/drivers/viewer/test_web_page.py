@@ -353,6 +353,7 @@ def test_parameters_are_described_and_set_over_the_control_port(
         ) == (-85, 140)
         after = by_key(request(control, "set", {"values": {"pos_thres": 0.5}}))
         assert after["pos_thres"]["value"] == 0.5
+        assert after["pos_thres"]["initial"] == before["pos_thres"]["value"]
         biases = {"camera": "left", "values": {"biases.bias_diff_off": 50}}
         after = by_key(request(control, "set", biases))
         assert after["neg_thres"]["value"] > before["neg_thres"]["value"]
@@ -371,9 +372,19 @@ def test_parameters_are_described_and_set_over_the_control_port(
         assert main(["topics", control, "--set", "pos_thres=0.25", "biases.bias_fo=20"]) == 0
         assert "pos_thres" in capsys.readouterr().out
         assert by_key(request(control, "parameters"))["pos_thres"]["value"] == 0.25
+        # the page's Reset: biases first, thresholds follow from them, then the rest
+        for prefix in ("biases.", ""):
+            now = by_key(request(control, "parameters"))
+            values = {
+                key: one["initial"]
+                for key, one in now.items()
+                if key.startswith(prefix) and one["value"] != one["initial"]
+            }
+            after = by_key(request(control, "set", {"values": values}))
+        assert after == before
         assert main(["topics", control, "--set", "pos_thres"]) == 2
     (report,) = reports
-    assert [one["values"] for one in report.sensor_changes] == [
+    assert [one["values"] for one in report.sensor_changes][:3] == [
         {"pos_thres": 0.5}, {"biases.bias_diff_off": 50}, {"pos_thres": 0.25, "biases.bias_fo": 20}
     ]  # fmt: skip
     assert all(one["camera"] == "left" for one in report.sensor_changes)
