@@ -6,6 +6,7 @@ import contextlib
 import os
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
@@ -44,11 +45,13 @@ class ReservedSpace:
         """
         self._kept = RESERVED_BYTES
         self._ahead = 0
-        self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        # an object, so that a recorder that is dropped leaves no descriptor open
+        self._file = FileIO(number, "r+")
         try:
             # a process that is killed leaves nothing of it
             path.unlink()
-            allocate(self._file, self._kept)
+            allocate(self._file.fileno(), self._kept)
         except OSError:
             self.close()
             raise
@@ -65,16 +68,14 @@ class ReservedSpace:
 
     def _allocate(self, more: int) -> None:
         try:
-            allocate(self._file, self._kept + more + BUFFERED_BYTES)
+            allocate(self._file.fileno(), self._kept + more + BUFFERED_BYTES)
         finally:
-            os.ftruncate(self._file, self._kept)
+            self._file.truncate(self._kept)
         self._ahead = more
 
     def close(self) -> None:
         """Release the space for what is written next."""
-        if self._file >= 0:
-            os.close(self._file)
-            self._file = -1
+        self._file.close()
 
 
 _EVENT_BYTES = 24

@@ -106,7 +106,8 @@ class NpzFrameWriter:
         self._end = at
         self._size = at + len(self._directory())
         try:
-            self._file = self._open()
+            # an object, so that a writer that is dropped leaves no descriptor open
+            self._file = io.FileIO(self._open(), "r+")
             self._write_at(0, texts_bytes)
             self._write_headers()
         except OSError as reason:
@@ -139,17 +140,16 @@ class NpzFrameWriter:
 
     def close(self) -> int:
         """Close the file, compacting it after an early end; returns its size in bytes."""
-        if self._file < 0:
+        if self._file.closed:
             return self._size
         try:
             if self.written < self.frames:
                 self._compact()
-            os.ftruncate(self._file, self._size)
+            self._file.truncate(self._size)
         except OSError as reason:
             raise target_error(self.path, reason) from None
         finally:
-            os.close(self._file)
-            self._file = -1
+            self._file.close()
         return self._size
 
     def _open(self) -> int:
@@ -175,7 +175,7 @@ class NpzFrameWriter:
     def _write_at(self, offset: int, data: bytes) -> None:
         view = memoryview(data)
         while view:
-            done = os.pwrite(self._file, view, offset)
+            done = os.pwrite(self._file.fileno(), view, offset)
             offset, view = offset + done, view[done:]
 
     def _write_headers(self) -> None:
@@ -198,7 +198,7 @@ class NpzFrameWriter:
             target = one.frame_offset(0)
             for done in range(0, length, _CHUNK_BYTES):
                 count = min(_CHUNK_BYTES, length - done)
-                self._write_at(target + done, os.pread(self._file, count, begin + done))
+                self._write_at(target + done, os.pread(self._file.fileno(), count, begin + done))
             at = one.frame_offset(self.written)
         self._end = at
         self._size = at + len(self._directory())
