@@ -40,7 +40,9 @@ class IntegrityReport:
     noun: str = "packets"
     """what they are called: packets, words, lines"""
     unsorted: int = 0
-    """events with a lower time stamp than the one before, which were sorted"""
+    """events with a lower time stamp than one before, which were sorted"""
+    unplaced: int = 0
+    """of them: those that came too late to be sorted while the file is read"""
     resets: int = 0
     """places at which the time stamps step back so far that the clock must have been reset"""
     backwards_at: int | None = None
@@ -67,7 +69,7 @@ class IntegrityReport:
         """Add steps back in time.
 
         Args:
-            unsorted: Steps that sorting removes.
+            unsorted: Events that sorting puts in their place.
             resets: Steps so large that the clock must have been reset.
             at: Place of the first of them, in `place_unit`.
         """
@@ -110,9 +112,9 @@ class IntegrityReport:
 
 
 def bad_values(events: Events, stream: StreamInfo) -> str:
-    """Why these events, (n,) with n > 0 and sorted, cannot be of the stream; empty if they can."""
+    """Why these events, (n,) with n > 0, cannot be of the stream; empty if they can."""
     stamps = events["t"]
-    if int(stamps[0]) < -MAX_STAMP_US or int(stamps[-1]) > MAX_STAMP_US:
+    if int(stamps.min()) < -MAX_STAMP_US or int(stamps.max()) > MAX_STAMP_US:
         return "its time stamps are beyond 2^62 us"
     for axis, side in (("x", stream.width), ("y", stream.height)):
         low, high = int(events[axis].min()), int(events[axis].max())

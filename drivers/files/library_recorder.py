@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import os
+import weakref
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from io import FileIO
 from pathlib import Path
 from typing import Any
 
@@ -45,13 +45,13 @@ class ReservedSpace:
         """
         self._kept = RESERVED_BYTES
         self._ahead = 0
-        number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        # an object, so that a recorder that is dropped leaves no descriptor open
-        self._file = FileIO(number, "r+")
+        self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        # a recorder that is dropped leaves no descriptor open
+        self._close = weakref.finalize(self, os.close, self._file)
         try:
             # a process that is killed leaves nothing of it
             path.unlink()
-            allocate(self._file.fileno(), self._kept)
+            allocate(self._file, self._kept)
         except OSError:
             self.close()
             raise
@@ -68,14 +68,14 @@ class ReservedSpace:
 
     def _allocate(self, more: int) -> None:
         try:
-            allocate(self._file.fileno(), self._kept + more + BUFFERED_BYTES)
+            allocate(self._file, self._kept + more + BUFFERED_BYTES)
         finally:
-            self._file.truncate(self._kept)
+            os.ftruncate(self._file, self._kept)
         self._ahead = more
 
     def close(self) -> None:
         """Release the space for what is written next."""
-        self._file.close()
+        self._close()
 
 
 _EVENT_BYTES = 24

@@ -122,6 +122,7 @@ class MultiFileReport(IntegrityReport):
         if report.backwards_at is not None and self.backwards_at is None:
             self.backwards_at, self.place_unit = report.backwards_at, report.place_unit
         self.unsorted += report.unsorted
+        self.unplaced += report.unplaced
         self.resets += report.resets
 
     def warn(self, path: Path) -> None:  # noqa: ARG002 - each warning names its own file

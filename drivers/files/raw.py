@@ -186,7 +186,6 @@ _PIECE_BYTES = 1 << 18
 _NO_TIME_YET = "events before the first time stamp, or too far right for the format,"
 _TRIGGER = 10
 """type of the words of external triggers, in each version"""
-_MAX_WAITING = 1 << 14
 _DECODERS: dict[str, tuple[Any, int]] = {
     "2.0": (decode_evt2, 4),
     "2.1": (decode_evt21, 8),
@@ -243,7 +242,7 @@ class RawFile(MultiStreamFile):
     def _iterate(self, events: bool, auxiliary: bool) -> Iterator[Message]:
         """The events of each tick (1 ms where the file states none) that has any, and triggers."""
         integrity = IntegrityReport(noun="events")
-        sorter, interleaver = EventSorter(integrity, self.stream), Interleaver(_MAX_WAITING)
+        sorter, interleaver = EventSorter(integrity, self.stream), Interleaver()
         triggers: list[Triggers] = []
         for at, piece in self._pieces(integrity, triggers if auxiliary else None):
             while triggers:

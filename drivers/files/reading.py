@@ -16,6 +16,7 @@ from evs.drivers.files.integrity import Repair
 from evs.drivers.files.multi_file import open_recording, paths_of
 from evs.drivers.files.paths import target_error
 from evs.drivers.files.recording_file import OF_STREAM, RecordingFile
+from evs.drivers.files.time_order import sort_events
 from evs.drivers.sink import Sink
 from evs.msgs import (
     EVENT_DTYPE,
@@ -216,6 +217,8 @@ def read(path: AnyPath, **options: Unpack[ReadOptions]) -> Recording:
     """
     file = opened(path, **options)
     events = _joined(file.events())
+    if file.integrity.unplaced and not file.integrity.resets:
+        events = sort_events(events)
     _finish(file, bool(len(events)), OF_STREAM)
     return Recording.of(
         events, file.stream, AuxiliaryData(lambda: _auxiliary(path, options), file.labels)

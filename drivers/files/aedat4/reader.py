@@ -23,7 +23,7 @@ from evs.drivers.files.aedat4.layout import CorruptDataError
 from evs.drivers.files.integrity import IntegrityReport, bad_values, normalised
 from evs.drivers.files.paths import existing
 from evs.drivers.files.recording_file import choose_stream, of_stream
-from evs.drivers.files.time_order import CLOCK_RESET_US, sort_events
+from evs.drivers.files.time_order import CLOCK_RESET_US, PacketSorter
 from evs.msgs import EVENT_DTYPE, Events, EvsError, Frame, ImuSamples, StreamInfo, Triggers
 
 MAX_HEADER_BYTES = 1 << 26
@@ -82,8 +82,6 @@ class Aedat4File:
     streams: dict[str, str] = field(default_factory=dict)
     position: int = 0
     """how far the present walk is, bytes"""
-    _unsorted: int = 0
-    """stamps of the packet at hand that run backwards"""
     labels: None = None
     """the format has no place for any"""
 
@@ -111,15 +109,14 @@ class Aedat4File:
         """The events of each packet, read-only and never empty; the end sets `integrity`."""
         with self.path.open("rb") as file:
             parsers = {self.event_id: self._parse_events}
-            for _, events in self._iterate_packets(file, parsers, counted=("EVTS",)):
+            for events in self._in_order(file, parsers, ("EVTS",)):
                 assert isinstance(events, np.ndarray)
                 yield events
 
     def messages(self) -> Iterator[Message]:
         """What is in each packet of our four streams, in the file's order; sets `integrity`."""
         with self.path.open("rb") as file:
-            for _, message in self._iterate_packets(file, self._parsers()):
-                yield message
+            yield from self._in_order(file, self._parsers(), tuple(_UNREAD))
 
     def auxiliary(self) -> Iterator[Frame | ImuSamples | Triggers]:
         """Frames, IMU samples and triggers alone, in the file's order; sets `integrity`."""
@@ -129,6 +126,36 @@ class Aedat4File:
                 if number != self.event_id:
                     assert not isinstance(message, np.ndarray) or message.dtype != EVENT_DTYPE
                     yield message
+
+    def _in_order(
+        self, file: BinaryIO, parsers: Mapping[int, _Parser], counted: Collection[str]
+    ) -> Iterator[Message]:
+        """The messages of the packets; events that are late lie in the packets of their time.
+
+        Only another writer's events move between packets: our recorder keeps them in order, or
+        records a clock that steps back on purpose.
+        """
+        integrity = IntegrityReport()
+        sorter = PacketSorter(integrity)
+        for number, message in self._iterate_packets(file, parsers, counted=counted):
+            if number != self.event_id:
+                assert not isinstance(message, np.ndarray) or message.dtype != EVENT_DTYPE
+                yield from sorter.add(message)
+            else:
+                assert isinstance(message, np.ndarray)
+                yield from sorter.feed(message, self.position)
+                if self._is_ours:
+                    yield from sorter.flush()
+        yield from sorter.flush()
+        if integrity.backwards_at is not None:
+            self.integrity.backwards(integrity.unsorted, integrity.resets, integrity.backwards_at)
+            self.integrity.unplaced += integrity.unplaced
+
+    @property
+    def _is_ours(self) -> bool:
+        """Whether evs recorded it."""
+        info = self.declared[self.event_id].info if self.event_id in self.declared else {}
+        return "tick_us" in info
 
     @property
     def part(self) -> int | None:
@@ -263,12 +290,8 @@ class Aedat4File:
         if not len(events):
             return None
         steps = np.diff(events["t"])
-        back = int(np.count_nonzero(steps < 0))
-        if back:
-            if int(steps.min()) < -CLOCK_RESET_US:
-                return "its time stamps run backwards"
-            events = sort_events(events)
-            self._unsorted += back
+        if len(steps) and int(steps.min()) < -CLOCK_RESET_US:
+            return "its time stamps run backwards"
         return bad_values(events, self.stream) or normalised(events)
 
     def _parse_frame(self, body: bytes, numbers: Iterator[int]) -> Frame | None:
@@ -308,9 +331,6 @@ class Aedat4File:
                 at = self._next_packet(file, at + 1)
                 continue
             self.position = at
-            if self._unsorted:
-                integrity.backwards(self._unsorted, 0, at)
-                self._unsorted = 0
             if broken:
                 integrity.corrupt(*broken)
             broken, tries, whole = None, 0, whole + 1

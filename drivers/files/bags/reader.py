@@ -45,7 +45,7 @@ from evs.drivers.files.formats import PACKED_SUFFIX
 from evs.drivers.files.header_text import stream_from_json
 from evs.drivers.files.integrity import on_sensor
 from evs.drivers.files.recording_file import MultiStreamFile, choose_stream, of_stream
-from evs.drivers.files.time_order import sort_events
+from evs.drivers.files.time_order import PacketSorter
 from evs.msgs import (
     Events,
     EvsError,
@@ -129,29 +129,33 @@ class BagFile(MultiStreamFile):
         return opened
 
     def _iterate(self, events: bool, auxiliary: bool) -> Iterator[Message]:
-        """The requested messages; events and triggers of one message are sorted."""
+        """The requested messages; events and triggers are sorted."""
         left_out: dict[str, int] = {}
         readers: dict[str, PayloadReader] = {}
         auxiliary_parser = _AuxiliaryParser(
             self.topic.rpartition("/")[0], self.stream.camera, self.ros
         )
         scan = BagScan()
+        sorter = PacketSorter(scan.integrity)
         for found in self._bag_messages(scan):
             try:
                 if found.kind in KINDS and (events or self.stream.triggers):
                     marks: list[Triggers] = []
-                    yield from auxiliary_parser.flush()
+                    for sample in auxiliary_parser.flush():
+                        yield from sorter.add(sample)
                     for part in self._events_of(found, scan, readers, left_out, marks):
                         if auxiliary and marks:
                             merged = np.concatenate(marks)
-                            yield merged[np.argsort(merged["t"], kind="stable")]
+                            yield from sorter.add(merged[np.argsort(merged["t"], kind="stable")])
                         marks.clear()
                         if events and len(part):
-                            yield part
+                            yield from sorter.feed(part, found.at)
                 elif auxiliary and not self._is_others(found, scan, left_out):
-                    yield from auxiliary_parser.parse(found, left_out)
+                    for message in auxiliary_parser.parse(found, left_out):
+                        yield from sorter.add(message)
             except BadMessageError as reason:
                 scan.integrity.corrupt(found.at, str(reason))
+        yield from sorter.flush()
         yield from auxiliary_parser.flush()
         self.streams = choose_stream(self.path, _event_topics(scan.kinds), self.topic)
         skipped = sum(reader.skipped for reader in readers.values())
@@ -167,7 +171,7 @@ class BagFile(MultiStreamFile):
         left_out: dict[str, int],
         triggers: list[Triggers],
     ) -> Iterator[Events]:
-        """The sorted events of one message of our topic; its triggers go to `triggers`."""
+        """The events of one message of our topic, as recorded; its triggers go to `triggers`."""
         if found.topic != self.topic:
             _count(left_out, of_stream("messages with events", found.topic, ""))
             return
@@ -175,10 +179,6 @@ class BagFile(MultiStreamFile):
             events, outside = on_sensor(part, self.stream.width, self.stream.height)
             if outside:
                 scan.integrity.corrupt(found.at, "events lie outside of the sensor", outside)
-            back = int(np.count_nonzero(events["t"][1:] < events["t"][:-1]))
-            if back:
-                scan.integrity.backwards(back, 0, found.at)
-                events = sort_events(events)
             yield events
 
     def _is_others(self, found: BagMessage, scan: BagScan, left_out: dict[str, int]) -> bool:
