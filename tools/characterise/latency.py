@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from evs.emulator.sensor import SensorParameters, make_readout
 from evs.emulator.sensor.parameters import ReadoutParameters
+from evs.emulator.sensor.reference.photon_noise import Band
 from evs.tools.characterise.bench import Bench, LightExposure, pixel_numbers, share_of
 from evs.tools.characterise.expected import DOUBLED, HALF, latency_s
 from evs.tools.characterise.quantity import Quantity
@@ -21,6 +22,9 @@ PIXELS = 40_000
 ATTEMPTS = 8
 ENOUGH = 0.99
 """share of the pixels that were tested without noise, or are dead"""
+
+NOISY = 0.1
+"""deviation of the photon noise over the ON threshold from which on it moves first crossings"""
 
 GROWTH = 0.04
 """length of a tick over the time since the step"""
@@ -120,9 +124,18 @@ def latency_results(sensor: SensorParameters, found: Sequence[Latency]) -> list[
     means, jitters = [], []
     for at in found:
         mean, jitter = latency_s(sensor, at.lux)
-        note = "the high pass delays it" if sensor.highpass_hz else ""
+        note = "the set value has no photon noise" if _noisy(sensor, at.lux) else ""
+        note = "the high pass delays it" if sensor.highpass_hz else note
         note = note if at.share >= HALF else "too dark for half of the pixels"
         note = "buried in noise" if math.isnan(at.share) else note
         means.append(Quantity("latency", "s", *at.mean_s, mean, at.lux, note))
         jitters.append(Quantity("jitter", "s", *at.jitter_s, jitter, at.lux, note))
     return means + jitters
+
+
+def _noisy(sensor: SensorParameters, lux: float) -> bool:
+    """Whether photon noise moves the first crossing of a step to this illuminance."""
+    if not sensor.photocurrent_pa:
+        return False
+    dn = (lux + sensor.dark_current_lux) / sensor.lux_per_dn
+    return Band.at(sensor, dn).sigma > NOISY * sensor.pos_thres

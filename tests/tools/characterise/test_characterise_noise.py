@@ -9,7 +9,7 @@ import pytest
 
 from evs.emulator.config import SensorConfig
 from evs.emulator.sensor import SensorParameters, resolve_sensor
-from evs.tools.characterise.background import measure_background
+from evs.tools.characterise.background import background_results, measure_background
 from evs.tools.characterise.bench import Bench
 from evs.tools.characterise.expected_noise import noise_rate_hz, photon_rate_hz, shot_rate_hz
 
@@ -38,6 +38,19 @@ def test_photon_noise_has_the_rate_that_follows_from_its_poles(
         assert rate == pytest.approx(photon_rate_hz(sensor, at.lux), abs=0.1 * rate + 4 * error)
         # noise hides no leak
         assert abs(at.leak[0] - sensor.leak_rate_hz) < 0.01 + 4 * at.leak[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity", "lux"),
+    [("dvxplorer", "shot noise rate", 10.0), ("davis346", "rate of hot pixels", 100.0)],
+)
+def test_set_and_measured_are_of_the_same_pixels(name: str, quantity: str, lux: float) -> None:
+    """Few pixels of a DVXplorer have most of its noise, and hot ones many events in a tick."""
+    sensor = replace(resolve_sensor(SensorConfig(name)), width=60, height=SIDE)
+    found = measure_background(Bench(sensor, 0, 1), [lux])
+    [result] = [one for one in background_results(sensor, found) if one.quantity == quantity]
+    assert result.error < 0.3 * result.set
+    assert abs(result.sigmas) < 4.0
 
 
 def test_photon_noise_is_expected_in_the_dark_only() -> None:
