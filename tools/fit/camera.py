@@ -11,9 +11,9 @@ from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
 from evs.tools.fit.bandwidth import fit_bandwidth
 from evs.tools.fit.estimate import Estimate, cannot, combined
-from evs.tools.fit.frames import fit_frames
+from evs.tools.fit.frames import LEAK, fit_frames
 from evs.tools.fit.lamp import fit_lamp
-from evs.tools.fit.laws import law_estimates, noise_share
+from evs.tools.fit.laws import law_estimates
 from evs.tools.fit.observed import Mask, Observed
 from evs.tools.fit.period import find_period_s
 from evs.tools.fit.ramp import PixelLeaks, check_light, fit_ramp
@@ -23,9 +23,6 @@ from evs.tools.fit.still import DECADE, Background, fit_still
 
 UNMEASURED = 0.15
 """mismatch over threshold that pixels may have"""
-
-ROOM_LUX = 100.0
-"""of a recording whose light is not known"""
 
 
 @dataclass(frozen=True)
@@ -101,13 +98,11 @@ def fit_camera(lights: list[Light], base: SensorParameters) -> FittedCamera:
     found = list(by_lamp)
     for one in by_ramp:
         found += _by_ramp(one, leaks, blind_s)
-    noise_hz = max(
-        (one.noise[0] for one in backgrounds),
-        default=base.shot_noise_rate_hz * noise_share(base, ROOM_LUX),
-    )
     for one in lights:
         if one.seen.frames:
-            found += fit_frames(one.seen, noise_hz)
+            by_frames = fit_frames(one.seen, blind_s)
+            # views that stand tell leak and light apart
+            found += [e for e in by_frames if not backgrounds or e.key != LEAK]
     if backgrounds:
         found += law_estimates(backgrounds, base, {one.key: one for one in combined(found)})
     for one in changing:
@@ -150,7 +145,7 @@ def _by_ramp(
 def _refractory(light: Light) -> Estimate:
     """The refractory period; events that the light brings have edges of their own."""
     found = fit_refractory(light.seen, still=light.kind in ("dark", "still"))
-    if not found.told or light.kind not in ("ramp", "lamp"):
+    if not found.told or light.kind in ("dark", "still"):
         return found
     shortest_us = int(light.seen.intervals.length_us.min())
     reason = f"it is at most {shortest_us} us; noise at constant light tells it"

@@ -1,147 +1,427 @@
-"""Thresholds from intensity frames beside the events: differences of ln light against event counts.
+"""Thresholds and leak from intensity frames beside the events.
 
 After an event the reference of a pixel is the light of that moment. So between two events of a
 pixel ln light has changed by theta_on N_on - theta_off N_off, less the leak, without the rounding
-of whole events. The frames give ln light at both moments, by a straight line between two frames.
+of whole events. Frames give ln light exactly only at their own time, so events count as ends of a
+window only if they are near the middle of an exposure. Every pixel has thresholds of its own: a
+pixel with low thresholds has more events, so one regression of all pixels would be biased. They
+are random effects here, whose variance is the mismatch.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from evs.tools.fit.estimate import Estimate, cannot
-from evs.tools.fit.observed import F64, Observed
+from evs.tools.fit.observed import F64, I64, Mask, Observed
 from evs.tools.fit.ramp import KEYS
 
-FEWEST_FRAMES = 5
-WINDOW_FRAMES = (2, 4, 8, 16)
-"""lengths of windows that are tried: long ones have more contrast, short ones are more"""
+LEAK = "leak_rate_hz"
 
-DARKEST, BRIGHTEST = 0.04, 0.95
-"""shares of white outside which a pixel of a frame is not used: black level, saturation"""
+FEWEST_FRAMES = 8
+FEWEST_WINDOWS, FEWEST_PIXELS = 300, 60
+NEAR = 0.05
+"""of the time between two frames: how far from the middle of an exposure a window may end"""
 
-FEWEST_WINDOWS = 200
-LINEAR = 0.02
-"""relative error of taking the numbers of a frame for light: black level, curvature"""
+MOST_PIXELS, MOST_WINDOWS = 6000, 40
+"""pixels that are fitted, by chance, and windows of each: more hardly add to the accuracy"""
 
-NOISE_WEIGHT = 0.7
-"""relative error of a threshold for each share of the events that is noise"""
+WHITE = 255.0
+LEAST, BRIGHTEST = 12.0, 0.92
+"""light over the dark level and share of white, outside which a pixel of a frame is not used"""
 
-CLEAR = 0.25
+DARKER = -12.0
+"""lowest dark level, of 255: a converter that cuts off"""
+
+ROUGH_DARK = 0.04
+"""error of the dark level by what the fit leaves out, of the mean light"""
+
+ROUGH = 0.035
+"""relative error of a threshold by curvature of the light between frames and motion blur"""
+
+ROUGH_LEAK = 0.25, 0.35
+"""errors of the leak: relative, and for each noise event"""
+
+LONGEST_LAG_S, LAG_DN = 0.02, 100.0
+"""how far events may lag behind light of so many DN; the lag is inverse to the light"""
+
+CLEAR = 0.15
 """log units that the windows must span, root mean square"""
 
+ROUNDS, INNER = 6, 3
+FAR = 5.0
+"""standard deviations beyond which a window is left out"""
 
-def fit_frames(seen: Observed, noise_hz: float = 0.0) -> tuple[Estimate, ...]:
-    """Fit both thresholds and their mismatch.
+STILL = 0.25
+"""light of a pixel that moves by this share of a threshold at most stands still"""
+
+FEWEST_STILL_S, FEWEST_STILL = 300.0, 40
+"""pixel seconds of light that stands, and ON events in them"""
+
+
+@dataclass(frozen=True)
+class FrameLight:
+    """What the frames show of the pixels' light."""
+
+    mid_us: F64
+    """(frames,) middles of the exposures"""
+    dn: F64
+    """(frames, pixels) light, white is 255"""
+
+
+@dataclass(frozen=True)
+class _Windows:
+    """From an event near one frame to an event near a later one; arrays of (pixels, windows)."""
+
+    y: F64
+    """change of ln light in the frames"""
+    x: F64
+    """(pixels, windows, 5) ON charge, - OFF charge, - seconds, change of slope, of 1 / light"""
+    z: F64
+    """the same as instruments: what is not measured by the frames of the window itself"""
+    there: F64
+    """1: there is such a window"""
+    chained: F64
+    """1: the next window begins at the frame where this one ends"""
+    count: int
+
+
+@dataclass(frozen=True)
+class _Solution:
+    beta: F64
+    """of the columns"""
+    error: F64
+    sigma: tuple[float, float]
+    """mismatch and its standard error"""
+    noise_hz: float
+    """events of a pixel that follow from no light"""
+    span: float
+    """root mean square of the windows' change of ln light"""
+    diluted: float
+    """share by which the noise of the counts makes the thresholds smaller"""
+
+
+def frame_light(seen: Observed) -> FrameLight:
+    """The frames of the recording's size, in order."""
+    frames = [f for f in seen.frames if f.pixels.shape == (seen.height, seen.width)]
+    frames.sort(key=lambda f: f.exposure_begin_us)
+    mid = np.array([0.5 * (f.exposure_begin_us + f.exposure_end_us) for f in frames])
+    keep = np.flatnonzero(np.diff(mid, prepend=-math.inf) > 0)
+    white = float(np.iinfo(frames[0].pixels.dtype).max) if frames else WHITE
+    dn = [frames[k].pixels.reshape(-1).astype(np.float64) * (WHITE / white) for k in keep]
+    return FrameLight(mid[keep], np.array(dn).reshape(len(keep), seen.pixels))
+
+
+def fit_frames(seen: Observed, blind_s: tuple[float, float] = (0.0, 0.0)) -> tuple[Estimate, ...]:
+    """Fit both thresholds, their mismatch and the leak.
 
     Args:
         seen: A recording with frames, in which the light of many pixels changes slowly.
-        noise_hz: Noise events of a pixel, both polarities; they count without moving the light.
+        blind_s: The time for which a pixel is blind after an event, and its standard error.
     """
-    frames = [f for f in seen.frames if f.pixels.shape == (seen.height, seen.width)]
-    if len(frames) < FEWEST_FRAMES:
-        reason = f"{len(frames)} intensity frames of its size"
-        return tuple(cannot(key, seen.source, reason) for key in KEYS[:3])
-    times, logs = _levels(seen)
-    noise = min(noise_hz * seen.pixels * seen.seconds / len(seen.events), 1.0)
-    best: tuple[Estimate, ...] = ()
-    reason = "the light of too few pixels changes enough between events"
-    for length in WINDOW_FRAMES:
-        if length > len(times) // 2:
-            break
-        rows = _windows(seen, times, logs, length)
-        if len(rows) < FEWEST_WINDOWS or float(np.sqrt(np.mean(rows[:, 0] ** 2))) < CLEAR:
-            continue
-        found = _regressed(seen, rows, noise)
-        if not best or found[0].error < best[0].error:
-            best = found
-    return best or tuple(cannot(key, seen.source, reason) for key in KEYS[:3])
+    light = frame_light(seen)
+    keys = (*KEYS[:3], LEAK)
 
+    def refuse(reason: str) -> tuple[Estimate, ...]:
+        return tuple(cannot(key, seen.source, reason) for key in keys)
 
-def _levels(seen: Observed) -> tuple[F64, F64]:
-    """(frames,) middles of the exposures, us, and (frames, pixels) ln of the light; NaN: unfit."""
-    frames = [f for f in seen.frames if f.pixels.shape == (seen.height, seen.width)]
-    frames.sort(key=lambda f: f.exposure_begin_us)
-    times = np.array([0.5 * (f.exposure_begin_us + f.exposure_end_us) for f in frames])
-    white = float(np.iinfo(frames[0].pixels.dtype).max)
-    logs = np.full((len(frames), seen.pixels), np.nan)
-    for k, frame in enumerate(frames):
-        dn = frame.pixels.reshape(-1).astype(np.float64)
-        good = (dn >= DARKEST * white) & (dn <= BRIGHTEST * white)
-        logs[k, good] = np.log(dn[good])
-    keep = np.concatenate([[True], np.diff(times) > 0])
-    return times[keep], logs[keep]
-
-
-def _windows(seen: Observed, times: F64, logs: F64, length: int) -> F64:
-    """(windows, 5): change of ln light, ON events, OFF events, seconds, pixel."""
-    order = seen.order
-    t_us = seen.events["t"][order].astype(np.float64)
-    pixel, on = seen.pixel[order], seen.on[order]
-    place = np.searchsorted(times, t_us, side="right") - 1
-    inside = (place >= 0) & (place < len(times) - 1)
-    at = np.clip(place, 0, len(times) - 2)
-    part = (t_us - times[at]) / (times[at + 1] - times[at])
-    level = (1.0 - part) * logs[at, pixel] + part * logs[at + 1, pixel]
-    inside &= np.isfinite(level)
-    # a window is a pixel's events in so many intervals between frames
-    window = pixel * (len(times) + length) + place // length
-    ons, offs = np.cumsum(on), np.cumsum(~on)
-    good = np.flatnonzero(inside)
-    edges = np.flatnonzero(np.diff(window[good], prepend=-1, append=-1))
-    first, last = good[edges[:-1]], good[edges[1:] - 1]
-    two = last > first
-    first, last = first[two], last[two]
-    rows = np.stack([
-        level[last] - level[first],
-        ons[last] - ons[first],
-        offs[last] - offs[first],
-        1e-6 * (t_us[last] - t_us[first]),
-        pixel[first],
-    ], axis=1)  # fmt: skip
-    return np.asarray(rows, np.float64)
-
-
-def _regressed(seen: Observed, rows: F64, noise_share: float) -> tuple[Estimate, ...]:
-    y, pixel = rows[:, 0], rows[:, 4].astype(np.int64)
-    x = rows[:, 1:4] * np.array([1.0, -1.0, -1.0])
-    weight = np.ones(len(y))
-    solution, spread, noise = np.zeros(3), 0.0, np.float64(0.0)
-    for _ in range(4):
-        scaled = x * weight[:, None]
-        solution = np.linalg.lstsq(scaled.T @ x, scaled.T @ y, rcond=None)[0]
-        left = y - x @ solution
-        # frames have noise of their own; mismatch adds some for every event
-        squares = rows[:, 1] ** 2 + rows[:, 2] ** 2
-        usual = np.abs(left) < 6.0 * 1.4826 * np.median(np.abs(left)) + 1e-9
-        terms = np.stack([np.ones(len(y)), squares], axis=1)[usual]
-        noise, per_event = np.linalg.lstsq(terms, left[usual] ** 2, rcond=None)[0]
-        spread = math.sqrt(max(float(per_event), 0.0))
-        weight = usual / np.maximum(max(float(noise), 1e-8) + spread**2 * squares, 1e-8)
-    scaled = x * weight[:, None]
-    bread = np.linalg.pinv(scaled.T @ x)
-    # the windows of a pixel share its thresholds
-    scores = np.zeros((seen.pixels, 3))
-    np.add.at(scores, pixel, scaled * (y - x @ solution)[:, None])
-    errors = np.sqrt(np.diag(bread @ (scores.T @ scores) @ bread))
-    found = []
-    for key, value, error in zip(KEYS[:2], solution[:2].tolist(), errors[:2].tolist(), strict=True):
+    if len(light.mid_us) < FEWEST_FRAMES:
+        return refuse(f"{len(light.mid_us)} intensity frames of its size")
+    fit = _Fit(seen, light, blind_s[0])
+    dark, lag_s, dark_error = 0.0, 0.0, 0.0
+    found: _Solution | None = None
+    for _ in range(ROUNDS):
+        windows = fit.windows(dark, lag_s, found)
+        if windows is None:
+            return refuse("too few events of changing light are near the time of a frame")
+        found = fit.solved(windows, 5, found)
+        if found is None or found.span < CLEAR:
+            return refuse("the light of too few pixels changes enough between frames")
+        lag_s = min(max(lag_s + float(found.beta[3]), 0.0), LONGEST_LAG_S)
+        step = min(max(float(found.beta[4]), -6.0), 6.0)
+        dark = min(max(dark + step, DARKER), fit.darkest - 1.0)
+        dark_error = float(found.error[4])
+    dark_error = math.hypot(dark_error, ROUGH_DARK * (fit.mean - dark))
+    three = []
+    for level in (dark, dark - dark_error, min(dark + dark_error, fit.darkest - 0.5)):
+        windows = fit.windows(level, lag_s, found)
+        one = fit.solved(windows, 3, found) if windows is not None else None
+        if one is None:
+            return refuse("the fit has no solution")
+        three.append(one)
+    best = three[0]
+    shift = 0.5 * np.abs(three[1].beta[:3] - three[2].beta[:3])
+    note = f"dark level of the frames {dark:.0f} of 255"
+    uneven = best.sigma[0] / max(float(best.beta[:2].min()), 1e-3)
+    most = fit.blind_share * blind_s[1]
+    thresholds = []
+    for k in (0, 1):
+        # counts with noise of their own dilute the regression
+        value = float(best.beta[k]) * (1.0 + best.diluted)
+        rough = math.hypot(ROUGH, 0.7 * best.diluted, 0.5 * uneven * uneven, most)
+        error = math.hypot(float(best.error[k]), float(shift[k]), rough * value)
         if not value > 0.0:
-            found.append(cannot(key, seen.source, "frames and events disagree"))
-            continue
-        # pixels with low thresholds have more events, so they count more
-        uneven = min((spread / value) ** 2, 0.2)
-        value *= 1.0 + uneven
-        error = math.hypot(
-            error, 0.5 * uneven * value, NOISE_WEIGHT * noise_share * value, LINEAR * value
+            return refuse("frames and events disagree")
+        one_found = Estimate(keys[k], value, error, seen.source, note=note).checked(0.3)
+        thresholds.append(one_found)
+    relative = max(one.error / one.number if one.told else 0.3 for one in thresholds)
+    sigma, own = best.sigma
+    own = math.hypot(own, sigma * relative, ROUGH * sigma)
+    spread = Estimate(keys[2], sigma, own, seen.source).checked()
+    leak = _still_leak(seen, light, dark, float(best.beta[:2].min()))
+    if leak is None:
+        leak = _moving_leak(seen, best)
+    if not all(one.told for one in thresholds):
+        spread = cannot(keys[2], seen.source, "the thresholds cannot be told")
+    return (*thresholds, spread, leak)
+
+
+def _moving_leak(seen: Observed, best: _Solution) -> Estimate:
+    """The leak by which the charges of ON events exceed those of the light."""
+    on, off, drift = (float(best.beta[k]) for k in range(3))
+    value = drift / on
+    relative, by_noise = ROUGH_LEAK
+    # noise events of both polarities have different charges, and none by the light
+    noise = best.noise_hz * (by_noise + 0.5 * abs(1.0 - off / on))
+    error = math.hypot(float(best.error[2]) / on, relative * value, noise)
+    if value < 2.0 * error:
+        reason = f"leak is {value:.2g} +- {error:.2g} Hz where the light moves, and nowhere stands"
+        return cannot(LEAK, seen.source, reason)
+    return Estimate(LEAK, value, error, seen.source, note="with its hot tail, in moving light")
+
+
+def _still_leak(seen: Observed, light: FrameLight, dark: float, theta: float) -> Estimate | None:
+    """The leak by the ON events of pixels whose light stands; None: there are too few of them."""
+    over = light.dn - dark
+    usable = np.all((over >= LEAST) & (light.dn < BRIGHTEST * WHITE), axis=0)
+    # the frames have noise: means of several stand more still
+    size = max(len(over) // 6, 2)
+    parts = [np.log(np.maximum(over[k : k + size].mean(axis=0), 1.0))
+             for k in range(0, len(over) - size + 1, size)]  # fmt: skip
+    each = np.log(np.maximum(over, 1.0))
+    still = usable & (np.ptp(np.array(parts), axis=0) < STILL * theta)
+    still &= np.std(each, axis=0) < 2.0 * STILL * theta
+    seconds = seen.seconds
+    count = int(still.sum())
+    ons, offs = seen.on_counts[still], seen.off_counts[still]
+    if count * seconds < FEWEST_STILL_S or int(ons.sum()) < FEWEST_STILL:
+        return None
+    excess = (ons - offs) / seconds
+    value = float(excess.mean())
+    error = math.hypot(float(excess.std(ddof=1)) / math.sqrt(count), ROUGH * value)
+    # noise sets back the reference: of a leak L, s / (e^(s / L) - 1) is left in noise of a rate s
+    noise = 2.0 * float(offs.mean()) / seconds
+    if value > 2.0 * error and noise > 0.0:
+        whole = noise / math.log1p(noise / value)
+        error = math.hypot(error * whole / value, 0.3 * (whole - value))
+        value = whole
+    if value < 2.0 * error:
+        reason = f"leak is {value:.2g} +- {error:.2g} Hz where the light stands"
+        return cannot(LEAK, seen.source, reason)
+    note = f"with its hot tail, of {count} pixels whose light stands"
+    return Estimate(LEAK, value, error, seen.source, note=note)
+
+
+class _Fit:
+    """Windows and their regression."""
+
+    def __init__(self, seen: Observed, light: FrameLight, blind_s: float) -> None:
+        order = seen.order
+        pixel = seen.pixel[order]
+        if seen.pixels > MOST_PIXELS:
+            chosen = np.zeros(seen.pixels, bool)
+            some = np.random.default_rng(0).permutation(seen.pixels)[:MOST_PIXELS]
+            chosen[some] = True
+            kept = chosen[pixel]
+            order, pixel = order[kept], pixel[kept]
+        self._light, self._pixel = light, pixel
+        self._t_us = seen.events["t"][order].astype(np.float64)
+        on = seen.on[order]
+        same = np.flatnonzero((np.diff(pixel) == 0) & (on[1:] == on[:-1])) + 1
+        passed = 1e-6 * (self._t_us[same] - self._t_us[same - 1])
+        # what passes while a pixel is blind is lost
+        charge = np.ones(len(pixel))
+        seeing = np.maximum(passed - blind_s, passed / 3.0 + 1e-7)
+        charge[same] = np.clip(passed / seeing, 1.0, 3.0)
+        self._on, self._off = np.cumsum(charge * on), np.cumsum(charge * ~on)
+        self.blind_share = float(np.mean(1.0 / np.maximum(passed, 1e-4))) if len(passed) else 0.0
+        """1 / s: by how much the charges grow with the time for which pixels are blind"""
+        self.darkest = float(np.quantile(light.dn, 1e-3))
+        self.mean = float(light.dn.mean())
+
+    def windows(self, dark: float, lag_s: float, before: _Solution | None) -> _Windows | None:
+        """Those of all pixels, for a dark level and a lag."""
+        mid, dn, pixel = self._light.mid_us, self._light.dn, self._pixel
+        over = np.maximum(dn - dark, 1.0)
+        good = (dn - dark >= LEAST) & (dn <= BRIGHTEST * WHITE)
+        usable = np.zeros_like(good)
+        usable[1:-1] = good[1:-1] & good[2:] & good[:-2]
+        frame = _nearest(mid, self._t_us)
+        t_us = self._t_us - 1e6 * lag_s * LAG_DN / np.maximum(over[frame, pixel], LEAST)
+        frame = _nearest(mid, t_us)
+        far = np.abs(t_us - mid[frame])
+        near = np.flatnonzero((far <= NEAR * float(np.median(np.diff(mid)))) & usable[frame, pixel])
+        place = pixel[near] * len(mid) + frame[near]
+        by_place = np.lexsort((far[near], place))
+        ends = np.sort(near[by_place[np.diff(place[by_place], prepend=-1) > 0]])
+        at, of, when = frame[ends], pixel[ends], t_us[ends]
+        logs = np.log(over)
+        other = np.where(when > mid[at], at + 1, at - 1)
+        part = (when - mid[at]) / (mid[other] - mid[at])
+        level = logs[at, of] + part * (logs[other, of] - logs[at, of])
+        seconds = 1e-6 * (mid[at + 1] - mid[at - 1])
+        slope = (logs[at + 1, of] - logs[at - 1, of]) / seconds * LAG_DN / over[at, of]
+        first = np.flatnonzero(np.diff(of) == 0)
+        last = first + 1
+        if len(first) < FEWEST_WINDOWS:
+            return None
+        ons = self._on[ends[last]] - self._on[ends[first]]
+        offs = self._off[ends[last]] - self._off[ends[first]]
+        duration = 1e-6 * (when[last] - when[first])
+        theta = np.array([0.25, 0.25, 0.0]) if before is None else before.beta[:3]
+        charge = theta[0] * ons - theta[1] * offs - theta[2] * duration
+        middle = np.sqrt(over[at, of][first] * over[at, of][last])
+        slopes = slope[last] - slope[first]
+        inverse = 1.0 / over[at, of][last] - 1.0 / over[at, of][first]
+        # a wrong level at an end is in ln light and in 1 / light: the charge has no part in it
+        x = np.stack([ons, -offs, -duration, slopes, inverse], axis=1)
+        z = np.stack([ons, -offs, -duration, slopes, -charge / middle], axis=1)
+        return _padded(of[first], first, level[last] - level[first], x, z)
+
+    def solved(self, of: _Windows, columns: int, before: _Solution | None) -> _Solution | None:
+        """Generalised least squares with thresholds of each pixel as random effects."""
+        x, z, y, there = of.x[:, :, :columns], of.z[:, :, :columns], of.y, of.there
+        if len(y) < FEWEST_PIXELS:
+            return None
+        on, off, seconds = of.x[:, :, 0], of.x[:, :, 1], np.abs(of.x[:, :, 2])
+        squares = on**2 + off**2
+        count = y.shape[1]
+        diagonal = np.arange(count)
+        frame2, walk2 = 0.05**2, 1e-3
+        sigma2 = (0.02 if before is None else before.sigma[0]) ** 2
+        good, beta, sigma_error, drift2 = there.copy(), np.zeros(columns), 0.0, 0.0
+        scores, bread = np.zeros((len(y), columns)), np.eye(columns)
+        for _ in range(INNER):
+            covariance = sigma2 * (
+                on[:, :, None] * on[:, None, :] + off[:, :, None] * off[:, None, :]
+            )
+            covariance += drift2 * seconds[:, :, None] * seconds[:, None, :]
+            variance = 2.0 * frame2 + walk2 * seconds
+            covariance[:, diagonal, diagonal] += variance + 1e6 * (1.0 - good)
+            pairs = of.chained[:, :-1] * good[:, :-1] * good[:, 1:]
+            covariance[:, diagonal[:-1], diagonal[1:]] -= frame2 * pairs
+            covariance[:, diagonal[1:], diagonal[:-1]] -= frame2 * pairs
+            weighted = np.linalg.solve(covariance, np.concatenate([x, y[:, :, None]], axis=2))
+            each = np.einsum("bmp,bmq->bpq", z, weighted[:, :, :-1])
+            right = np.einsum("bmp,bm->bp", z, weighted[:, :, -1])
+            try:
+                bread = np.linalg.inv(each.sum(axis=0))
+            except np.linalg.LinAlgError:
+                return None
+            beta = bread @ right.sum(axis=0)
+            scores = right - each @ beta
+            left = (y - x @ beta) * there
+            usual = variance + sigma2 * squares + drift2 * seconds**2
+            good = there * (left**2 < FAR**2 * usual)
+            pairs = of.chained[:, :-1] * good[:, :-1] * good[:, 1:]
+            sigma2, sigma_error, drift2 = _mismatch(
+                left * good, (on * good, off * good), seconds * good, pairs
+            )
+            shared = left[:, :-1] * left[:, 1:] - sigma2 * (
+                on[:, :-1] * on[:, 1:] + off[:, :-1] * off[:, 1:]
+            )
+            total = float(pairs.sum())
+            frame2 = max(-float((shared * pairs).sum()) / max(total, 1.0), 1e-5)
+            known = 2.0 * frame2 + sigma2 * squares + drift2 * seconds**2
+            walk2 = _walk(left, known, seconds, there > 0.0)
+        if not np.all(np.isfinite(beta)):
+            return None
+        errors = np.sqrt(np.diag(bread @ (scores.T @ scores) @ bread.T))
+        sigma = math.sqrt(sigma2)
+        theta2 = max(float(np.mean(beta[:2] ** 2)), 1e-6)
+        noise_hz = walk2 / (0.6 * theta2)
+        net = (on * beta[0] + off * beta[1]) ** 2 / theta2
+        inside = good > 0.0
+        diluted = noise_hz * float(seconds[inside].mean()) / max(float(net[inside].mean()), 1e-3)
+        return _Solution(
+            beta,
+            np.asarray(errors, np.float64),
+            (sigma, sigma_error / max(2.0 * sigma, 1e-3)),
+            noise_hz,
+            float(np.sqrt(np.mean(y[inside] ** 2))),
+            min(diluted, 1.0),
         )
-        found.append(Estimate(key, value, error, seen.source).checked(0.3))
-    count = float(np.mean(rows[:, 1] + rows[:, 2]))
-    own = spread * 0.15 + math.sqrt(float(noise) if noise > 0.0 else 0.0) / max(count, 1.0) / 10.0
-    if all(one.told for one in found):
-        found.append(Estimate(KEYS[2], spread, own, seen.source).checked())
+
+
+def _nearest(mid: F64, t_us: F64) -> I64:
+    """The frame that is nearest in time."""
+    after = np.clip(np.searchsorted(mid, t_us), 1, len(mid) - 1)
+    return np.asarray(np.where(t_us - mid[after - 1] < mid[after] - t_us, after - 1, after))
+
+
+def _padded(pixel: I64, first: I64, y: F64, x: F64, z: F64) -> _Windows:
+    """The windows of each pixel in a row of their own."""
+    starts = np.flatnonzero(np.diff(pixel, prepend=-1) != 0)
+    counts = np.diff(np.append(starts, len(pixel)))
+    column = np.arange(len(pixel)) - np.repeat(starts, counts)
+    row = np.repeat(np.arange(len(starts)), counts)
+    kept = column < MOST_WINDOWS
+    shape = len(starts), min(MOST_WINDOWS, int(counts.max()))
+
+    def pad(values: F64) -> F64:
+        out = np.zeros(shape + values.shape[1:])
+        out[row[kept], column[kept]] = values[kept]
+        return out
+
+    following = (np.diff(pixel, append=-1) == 0) & (np.diff(first, append=-1) == 1)
+    there, chained = pad(np.ones(len(y))), pad(following.astype(np.float64))
+    return _Windows(pad(y), pad(x), pad(z), there, chained, len(y))
+
+
+def _mismatch(
+    left: F64, charges: tuple[F64, F64], seconds: F64, pairs: F64
+) -> tuple[float, float, float]:
+    """Variance of the thresholds, its standard error, and variance of the leak, (log units / s)^2.
+
+    By products of windows of a pixel that share no frame, whose noise is then none of theirs.
+    """
+
+    def apart(values: F64) -> F64:
+        every = values.sum(axis=1) ** 2 - (values**2).sum(axis=1)
+        chained: F64 = (values[:, :-1] * values[:, 1:] * pairs).sum(axis=1)
+        return np.asarray(every - 2.0 * chained, np.float64)
+
+    shared, expected, drifts = apart(left), apart(charges[0]) + apart(charges[1]), apart(seconds)
+    some = expected > 0.0
+    if not some.any():
+        return 0.0, math.inf, 0.0
+    weight = 1.0 / (1.0 + np.maximum(expected, 0.0) / float(np.median(expected[some])))
+    terms = np.stack([expected, drifts], axis=1)
+    # the same weight for both: a few pixels with many events decide nothing
+    bread = np.linalg.pinv((terms * weight[:, None] ** 2).T @ terms)
+    variance, drift = bread @ ((terms * weight[:, None] ** 2).T @ shared)
+    if drift < 0.0:
+        whole = float((weight * expected).sum())
+        variance, drift = float((weight * shared).sum()) / whole, 0.0
+        scores = weight * (shared - variance * expected)
+        error = float(np.sqrt((scores**2).sum())) / whole
     else:
-        found.append(cannot(KEYS[2], seen.source, "the thresholds cannot be told"))
-    return tuple(found)
+        each = terms * (weight**2 * (shared - terms @ [variance, drift]))[:, None]
+        error = math.sqrt((bread @ (each.T @ each) @ bread)[0, 0])
+    return max(float(variance), 0.0), error, float(drift)
+
+
+def _walk(left: F64, known: F64, seconds: F64, there: Mask) -> float:
+    """Variance a second that noise events add: the median of the squares is that of chance."""
+    squares, base, each = left[there] ** 2, known[there], seconds[there]
+    low, high = 1e-6, 10.0
+    for _ in range(24):
+        middle = math.sqrt(low * high)
+        if float(np.median(squares / (base + middle * each))) > 0.455:
+            low = middle
+        else:
+            high = middle
+    return math.sqrt(low * high)

@@ -52,6 +52,8 @@ def _follows(fitted: FittedCamera) -> Iterator[tuple[str, Any, str]]:
         yield "photocurrent_pa", 0.0, "fit: the noise is in shot_noise_rate_hz"
     if "leak_rate_hz" in told and "hot_leak_median_hz" not in told:
         yield "hot_leak_median_hz", 0.0, "fit: what tail there is, is in leak_rate_hz"
+    if "leak_rate_hz" in told and not any(one.kind in ("dark", "still") for one in fitted.lights):
+        yield "parasitic_leak_hz", 0.0, "fit: what the light adds is in leak_rate_hz"
     if "cutoff_hz" in told:
         yield "follower_hz", 0.0, "fit: one pole was fitted, cutoff_hz"
 
