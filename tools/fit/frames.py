@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from evs.emulator.base.scene import F32
 from evs.tools.fit.estimate import Estimate, cannot
 from evs.tools.fit.observed import F64, I64, Mask, Observed
 from evs.tools.fit.ramp import KEYS
@@ -26,8 +27,14 @@ FEWEST_WINDOWS, FEWEST_PIXELS = 300, 60
 NEAR = 0.05
 """of the time between two frames: how far from the middle of an exposure a window may end"""
 
-MOST_PIXELS, MOST_WINDOWS = 6000, 40
+MOST_PIXELS, MOST_WINDOWS = 10_000, 40
 """pixels that are fitted, by chance, and windows of each: more hardly add to the accuracy"""
+
+FEWEST_EVENTS = 4
+"""of a pixel that is fitted, where there are too many"""
+
+USUAL_THRESHOLD, USUAL_DARK = 0.2, 0.0
+"""with which light that stands is found, where the thresholds are not told"""
 
 WHITE = 255.0
 LEAST, BRIGHTEST = 12.0, 0.92
@@ -55,11 +62,17 @@ ROUNDS, INNER = 6, 3
 FAR = 5.0
 """standard deviations beyond which a window is left out"""
 
+MOST_SPREAD = 0.3
+"""of a threshold: a larger bound of the mismatch tells nothing"""
+
 STILL = 0.25
 """light of a pixel that moves by this share of a threshold at most stands still"""
 
-FEWEST_STILL_S, FEWEST_STILL = 300.0, 40
-"""pixel seconds of light that stands, and ON events in them"""
+MOST_FRAMES = 60
+"""that show whether light stands"""
+
+FEWEST_STILL_S = 1000.0
+"""pixel seconds of light that stands"""
 
 
 @dataclass(frozen=True)
@@ -68,7 +81,7 @@ class FrameLight:
 
     mid_us: F64
     """(frames,) middles of the exposures"""
-    dn: F64
+    dn: F32
     """(frames, pixels) light, white is 255"""
 
 
@@ -111,8 +124,10 @@ def frame_light(seen: Observed) -> FrameLight:
     mid = np.array([0.5 * (f.exposure_begin_us + f.exposure_end_us) for f in frames])
     keep = np.flatnonzero(np.diff(mid, prepend=-math.inf) > 0)
     white = float(np.iinfo(frames[0].pixels.dtype).max) if frames else WHITE
-    dn = [frames[k].pixels.reshape(-1).astype(np.float64) * (WHITE / white) for k in keep]
-    return FrameLight(mid[keep], np.array(dn).reshape(len(keep), seen.pixels))
+    dn = np.zeros((len(keep), seen.pixels), np.float32)
+    for row, k in zip(dn, keep, strict=True):
+        row[:] = frames[k].pixels.reshape(-1) * (WHITE / white)
+    return FrameLight(mid[keep], dn)
 
 
 def fit_frames(seen: Observed, blind_s: tuple[float, float] = (0.0, 0.0)) -> tuple[Estimate, ...]:
@@ -125,11 +140,15 @@ def fit_frames(seen: Observed, blind_s: tuple[float, float] = (0.0, 0.0)) -> tup
     light = frame_light(seen)
     keys = (*KEYS[:3], LEAK)
 
-    def refuse(reason: str) -> tuple[Estimate, ...]:
+    if len(light.mid_us) < FEWEST_FRAMES:
+        reason = f"{len(light.mid_us)} intensity frames of its size"
         return tuple(cannot(key, seen.source, reason) for key in keys)
 
-    if len(light.mid_us) < FEWEST_FRAMES:
-        return refuse(f"{len(light.mid_us)} intensity frames of its size")
+    def refuse(reason: str) -> tuple[Estimate, ...]:
+        leak = _still_leak(seen, light, USUAL_DARK, USUAL_THRESHOLD)
+        leak = leak or cannot(LEAK, seen.source, reason)
+        return (*(cannot(key, seen.source, reason) for key in keys[:3]), leak)
+
     fit = _Fit(seen, light, blind_s[0])
     dark, lag_s, dark_error = 0.0, 0.0, 0.0
     found: _Solution | None = None
@@ -168,15 +187,24 @@ def fit_frames(seen: Observed, blind_s: tuple[float, float] = (0.0, 0.0)) -> tup
         one_found = Estimate(keys[k], value, error, seen.source, note=note).checked(0.3)
         thresholds.append(one_found)
     relative = max(one.error / one.number if one.told else 0.3 for one in thresholds)
-    sigma, own = best.sigma
-    own = math.hypot(own, sigma * relative, ROUGH * sigma)
-    spread = Estimate(keys[2], sigma, own, seen.source).checked()
+    spread = _spread(seen, best, relative)
     leak = _still_leak(seen, light, dark, float(best.beta[:2].min()))
     if leak is None:
         leak = _moving_leak(seen, best)
     if not all(one.told for one in thresholds):
         spread = cannot(keys[2], seen.source, "the thresholds cannot be told")
     return (*thresholds, spread, leak)
+
+
+def _spread(seen: Observed, best: _Solution, relative: float) -> Estimate:
+    """The mismatch; the thresholds have this relative error."""
+    sigma, own = best.sigma
+    own = math.hypot(own, sigma * relative, ROUGH * sigma)
+    if sigma >= 2.0 * own:
+        return Estimate(KEYS[2], sigma, own, seen.source).checked()
+    if sigma + own > MOST_SPREAD * float(best.beta[:2].min()):
+        return cannot(KEYS[2], seen.source, "too few pixels have several windows")
+    return Estimate(KEYS[2], 0.0, sigma + own, seen.source, note="no spread shows")
 
 
 def _moving_leak(seen: Observed, best: _Solution) -> Estimate:
@@ -195,8 +223,10 @@ def _moving_leak(seen: Observed, best: _Solution) -> Estimate:
 
 def _still_leak(seen: Observed, light: FrameLight, dark: float, theta: float) -> Estimate | None:
     """The leak by the ON events of pixels whose light stands; None: there are too few of them."""
-    over = light.dn - dark
-    usable = np.all((over >= LEAST) & (light.dn < BRIGHTEST * WHITE), axis=0)
+    some = np.linspace(0.0, len(light.dn) - 1.0, min(len(light.dn), MOST_FRAMES)).astype(np.int64)
+    dn = light.dn[some]
+    over = dn - dark
+    usable = np.all((over >= LEAST) & (dn < BRIGHTEST * WHITE), axis=0)
     # the frames have noise: means of several stand more still
     size = max(len(over) // 6, 2)
     parts = [np.log(np.maximum(over[k : k + size].mean(axis=0), 1.0))
@@ -207,7 +237,7 @@ def _still_leak(seen: Observed, light: FrameLight, dark: float, theta: float) ->
     seconds = seen.seconds
     count = int(still.sum())
     ons, offs = seen.on_counts[still], seen.off_counts[still]
-    if count * seconds < FEWEST_STILL_S or int(ons.sum()) < FEWEST_STILL:
+    if count * seconds < FEWEST_STILL_S:
         return None
     excess = (ons - offs) / seconds
     value = float(excess.mean())
@@ -218,10 +248,12 @@ def _still_leak(seen: Observed, light: FrameLight, dark: float, theta: float) ->
         whole = noise / math.log1p(noise / value)
         error = math.hypot(error * whole / value, 0.3 * (whole - value))
         value = whole
-    if value < 2.0 * error:
-        reason = f"leak is {value:.2g} +- {error:.2g} Hz where the light stands"
-        return cannot(LEAK, seen.source, reason)
     note = f"with its hot tail, of {count} pixels whose light stands"
+    if value < 2.0 * error:
+        most = max(value, 0.0) + error
+        # as much again where noise sets it back
+        most = noise / math.log1p(noise / most) if noise > 0.0 else most
+        return Estimate(LEAK, 0.0, most, seen.source, note=f"no leak shows, {note}")
     return Estimate(LEAK, value, error, seen.source, note=note)
 
 
@@ -231,13 +263,15 @@ class _Fit:
     def __init__(self, seen: Observed, light: FrameLight, blind_s: float) -> None:
         order = seen.order
         pixel = seen.pixel[order]
+        dn = light.dn
         if seen.pixels > MOST_PIXELS:
-            chosen = np.zeros(seen.pixels, bool)
-            some = np.random.default_rng(0).permutation(seen.pixels)[:MOST_PIXELS]
-            chosen[some] = True
-            kept = chosen[pixel]
-            order, pixel = order[kept], pixel[kept]
-        self._light, self._pixel = light, pixel
+            busy = np.flatnonzero(seen.on_counts + seen.off_counts >= FEWEST_EVENTS)
+            chosen = np.sort(np.random.default_rng(0).permutation(busy)[:MOST_PIXELS])
+            number = np.full(seen.pixels, -1)
+            number[chosen] = np.arange(len(chosen))
+            kept = number[pixel] >= 0
+            order, pixel, dn = order[kept], number[pixel[kept]], dn[:, chosen]
+        self._mid, self._dn, self._pixel = light.mid_us, dn.astype(np.float64), pixel
         self._t_us = seen.events["t"][order].astype(np.float64)
         on = seen.on[order]
         same = np.flatnonzero((np.diff(pixel) == 0) & (on[1:] == on[:-1])) + 1
@@ -249,12 +283,12 @@ class _Fit:
         self._on, self._off = np.cumsum(charge * on), np.cumsum(charge * ~on)
         self.blind_share = float(np.mean(1.0 / np.maximum(passed, 1e-4))) if len(passed) else 0.0
         """1 / s: by how much the charges grow with the time for which pixels are blind"""
-        self.darkest = float(np.quantile(light.dn, 1e-3))
-        self.mean = float(light.dn.mean())
+        self.darkest = float(np.quantile(self._dn, 1e-3)) if self._dn.size else 0.0
+        self.mean = float(self._dn.mean()) if self._dn.size else 0.0
 
     def windows(self, dark: float, lag_s: float, before: _Solution | None) -> _Windows | None:
         """Those of all pixels, for a dark level and a lag."""
-        mid, dn, pixel = self._light.mid_us, self._light.dn, self._pixel
+        mid, dn, pixel = self._mid, self._dn, self._pixel
         over = np.maximum(dn - dark, 1.0)
         good = (dn - dark >= LEAST) & (dn <= BRIGHTEST * WHITE)
         usable = np.zeros_like(good)
