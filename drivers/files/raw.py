@@ -49,6 +49,38 @@ _GENERATIONS = {"2": (304, 240), "3": (640, 480), "4": (1280, 720)}
 """generation of Prophesee's sensors -> width, height, px, for files that state no size"""
 
 
+_GEN3, _GEN31, _GEN4, _GEN41, _IMX636 = (
+    ("Gen3.0", 640, 480),
+    ("Gen3.1", 640, 480),
+    ("Gen4.0", 1280, 720),
+    ("Gen4.1", 1280, 720),
+    ("IMX636", 1280, 720),
+)
+_EVT2, _EVT3 = "2.0", "3.0"
+SYSTEMS: dict[int, tuple[str, tuple[str, int, int]]] = {
+    **dict.fromkeys((0x15, 0x17, 0x19, 0x1D, 0x21, 0x97, 0x99, 0xA1), (_EVT2, _GEN3)),
+    **dict.fromkeys((0x1C, 0x22, 0x23, 0x29, 0xA2), (_EVT2, _GEN31)),
+    **dict.fromkeys((0x1A, 0x1F), (_EVT2, _GEN4)),
+    0x27: (_EVT2, _GEN41),
+    0x28: (_EVT3, _GEN31),
+    **dict.fromkeys((0x1E, 0x2E), (_EVT3, _GEN4)),
+    0x30: (_EVT3, _GEN41),
+    **dict.fromkeys((0x31, 0x32), (_EVT3, _IMX636)),
+}
+"""system_ID of Prophesee's cameras -> EVT version, and sensor with its width and height, px, for
+files of old software that state neither; as OpenEB 5.1 has it"""
+
+_OTHER_FORMATS = {
+    "EVT4": "which OpenEB's metavision_file_to_hdf5 converts",
+    "AER-8b": "addresses of a GenX320 without time stamps",
+    "AER-4b": "addresses of a GenX320 without time stamps",
+    "HISTO3D": "histograms of events",
+    "DIFF3D": "differences of events",
+    "MTR": "frames",
+}
+"""formats in headers that are not read -> what they hold"""
+
+
 @dataclass(frozen=True)
 class RawHeader:
     """The content of the header."""
@@ -65,6 +97,10 @@ class RawHeader:
     """EVT2.1: whether the upper half of each word comes first (IMX636); None: not stated"""
     ours: bool = False
     """whether evs recorded it, which means that it holds only events"""
+    form: str = ""
+    """name of its format where it is none of EVT2, EVT2.1 and EVT3; empty: not stated"""
+    read_as: str = ""
+    """what follows from its system_ID; empty: nothing"""
 
 
 def header_bytes(stream: StreamInfo, version: str, time_origin_us: int) -> bytes:
@@ -92,7 +128,8 @@ def parse_header(head: bytes) -> RawHeader:
     parts = dict(part.partition("=")[::2] for part in lines.get("format", "").split(";"))
     for name, number in (("EVT21", "2.1"), ("EVT2", "2.0"), ("EVT3", "3.0")):
         version = number if name in parts else version
-    sides = _size(lines, parts)
+    form = next(iter(parts), "").strip()
+    version, sides, read_as = _by_system(lines, form, version, _size(lines, parts))
     default = StreamInfo(*sides, sensor="unknown")
     origin = lines.get(ORIGIN, "0")
     # of a stream that begins at a Unix time it is negative
@@ -104,8 +141,36 @@ def parse_header(head: bytes) -> RawHeader:
     order = parts.get("endianness")
     upper_first = None if order is None else order == "legacy"
     return RawHeader(
-        version, stream, int(origin) if known else 0, size, upper_first, STREAM in lines
+        version,
+        stream,
+        int(origin) if known else 0,
+        size,
+        upper_first,
+        STREAM in lines,
+        "" if form.startswith(("EVT2", "EVT3")) else form,
+        read_as,
     )
+
+
+def _by_system(
+    lines: dict[str, str], form: str, version: str, sides: tuple[int, int]
+) -> tuple[str, tuple[int, int], str]:
+    """Version and size, from the camera's system_ID where the header lacks them; what it says."""
+    text = lines.get("system_id", "")
+    number = int(text) if text.isascii() and text.isdigit() and len(text) < 10 else -1
+    makers = {
+        lines.get(key, "Prophesee")
+        for key in ("integrator_name", "plugin_integrator_name", "camera_integrator_name")
+    }
+    if number not in SYSTEMS or makers != {"Prophesee"}:
+        return version, sides, ""
+    evt, (sensor, width, height) = SYSTEMS[number]
+    found = [] if version or form else [f"EVT {evt}"]
+    if not all(sides):
+        found.append(f"{width} x {height} px")
+        sides = width, height
+    reason = f"{', '.join(found)} ({sensor}), by its system_ID {number}" if found else ""
+    return version if version or form else evt, sides, reason
 
 
 def _size(lines: dict[str, str], parts: dict[str, str]) -> tuple[int, int]:
@@ -217,11 +282,8 @@ class RawFile(MultiStreamFile):
                 header = parse_header(_head(file))
         except OSError as reason:
             raise EvsError(f"cannot read {found}: {reason.strerror}") from None
-        if header.version not in _DECODERS:
-            version = (
-                f"is EVT {header.version[:20]!r}" if header.version else "does not name its EVT"
-            )
-            raise EvsError(f"{found} {version} in its header; EVT 2.0, 2.1 and 3.0 are read")
+        if header.form or header.version not in _DECODERS:
+            raise EvsError(f"{found} {_refused(header)}; EVT 2.0, 2.1 and 3.0 are read")
         opened = cls(
             found,
             header.stream,
@@ -229,6 +291,7 @@ class RawFile(MultiStreamFile):
             version=header.version,
             time_origin_us=header.time_origin_us,
             begin=header.size,
+            read_as=header.read_as,
         )
         if header.version == "2.1":
             order = header.upper_first
@@ -238,6 +301,11 @@ class RawFile(MultiStreamFile):
         if not header.ours:
             opened.stream = dataclasses.replace(opened.stream, triggers=opened._has_triggers())
         return opened
+
+    @property
+    def format_name(self) -> str:
+        """Its format in the table: endings do not decide."""
+        return {"2.0": "evt2", "2.1": "evt21"}.get(self.version, "evt3")
 
     def _iterate(self, events: bool, auxiliary: bool) -> Iterator[Message]:
         """The events of each tick (1 ms where the file states none) that has any, and triggers."""
@@ -324,6 +392,17 @@ class RawFile(MultiStreamFile):
                 self.position = at
         integrity.torn_tail(at - (at - self.begin) % word, at)
         self.left_out = {_NO_TIME_YET: state.skipped} if state is not None and state.skipped else {}
+
+
+def _refused(header: RawHeader) -> str:
+    """What a file holds that is not read, in words."""
+    form = "EVT4" if header.version == "4.0" else header.form
+    for name, holds in _OTHER_FORMATS.items():
+        if form == name:
+            return f"is {name} in its header, {holds}"
+    if form or header.version:
+        return f"is {(form or f'EVT {header.version}')[:20]!r} in its header"
+    return "does not name its EVT in its header, nor a system_ID that tells it"
 
 
 def _head(file: BinaryIO) -> bytes:

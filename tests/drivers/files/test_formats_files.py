@@ -72,7 +72,13 @@ def test_a_header_without_a_size_gives_what_the_events_need(tmp_path: Path) -> N
     [
         (b"", "does not name its EVT"),
         (b"\x00\x80\x05\x60", "does not name its EVT"),
-        (b"% evt 4.0\n% end\n", "is EVT '4.0' in its header; EVT 2.0, 2.1 and 3.0 are read"),
+        (b"% evt 4.0\n% end\n", "is EVT4 in its header, which OpenEB's .*; EVT 2.0, 2.1 and 3.0"),
+        (b"% evt 5.0\n% end\n", "is 'EVT 5.0' in its header; EVT 2.0, 2.1 and 3.0 are read"),
+        (b"% format EVT4;height=320;width=320\n% end\n", "is EVT4 in its header, which"),
+        (b"% format AER-8b;height=320;width=320\n% end\n", "is AER-8b in its header, addresses"),
+        (b"% format HISTO3D\n% evt 3.0\n% end\n", "is HISTO3D in its header, histograms"),
+        (b"% system_ID 999\n% end\n", "does not name its EVT in its header, nor a system_ID"),
+        (b"% integrator_name Other\n% system_ID 21\n% end\n", "does not name its EVT"),
         (b"% evt 3.0\n% end\n", "neither gives the size"),
         (b"% evt 3.0\n", "neither gives the size"),
     ],
@@ -109,7 +115,7 @@ def test_pixels_outside_of_the_sensor_and_unsorted_stamps(tmp_path: Path) -> Non
     assert "1 damaged events were left out, the first at byte 39: outside of 60 x 48 px" in str(
         caught[0].message
     )
-    assert "1 time stamps ran backwards and were sorted" in str(caught[1].message)
+    assert "3 time stamps ran backwards and were sorted" in str(caught[1].message)
     assert recording["t"].tolist() == [1, 900, 2500, 3000]
     assert recording["x"].tolist() == [0, 5, 6, 4]
 
@@ -307,3 +313,30 @@ def test_the_text_of_an_hdf5_file_is_no_longer_than_the_file(tmp_path: Path) -> 
     # the events are there, what described them is not
     assert read.tobytes() == FOUR.tobytes()
     assert read.stream.camera != "eye"
+
+
+@pytest.mark.parametrize(
+    ("lines", "version", "size", "told"),
+    [
+        ("% system_ID 21\n", "2.0", (640, 480), "EVT 2.0, 640 x 480 px (Gen3.0), by its system_ID"),
+        ("% integrator_name Prophesee\n% system_ID 49\n", "3.0", (1280, 720), "(IMX636), by its"),
+        ("% system_ID 40\n", "3.0", (640, 480), "EVT 3.0, 640 x 480 px (Gen3.1), by its system_ID"),
+        # what the header states counts
+        ("% evt 2.0\n% system_ID 49\n", "2.0", (1280, 720), "1280 x 720 px (IMX636), by its"),
+        ("% format EVT2;width=64;height=48\n% system_ID 49\n", "2.0", (64, 48), ""),
+    ],
+)
+def test_old_raw_files_are_read_by_their_system_id(
+    tmp_path: Path, lines: str, version: str, size: tuple[int, int], told: str
+) -> None:
+    path, events = tmp_path / "a.raw", make_events([5, 70, 900], [1, 2, 3], [4, 5, 6], [1, 0, 1])
+    encode = {"2.0": encode_evt2, "3.0": encode_evt3}[version]
+    words = encode(events, time_origin_us=0, after_us=0)
+    path.write_bytes(f"% Date 2019-11-30 10:00:00\n{lines}".encode() + words)
+    found = files.read(path)
+    assert found.tobytes() == events.tobytes()
+    assert (found.stream.width, found.stream.height) == size
+    summary = files.summary(path)
+    assert summary.format == {"2.0": "evt2", "3.0": "evt3"}[version]
+    assert told in summary.read_as
+    assert bool(told) == bool(summary.read_as)
