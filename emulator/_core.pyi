@@ -273,6 +273,15 @@ class SceneData:
     @skybox.setter
     def skybox(self, arg: int, /) -> None: ...
 
+    @property
+    def sky_shines(self) -> bool:
+        """
+        Whether the skybox lights the scene and is in mirrors; else it is a backdrop.
+        """
+
+    @sky_shines.setter
+    def sky_shines(self, arg: bool, /) -> None: ...
+
 class Caster:
     """A ray caster: one camera's view of one scene."""
 

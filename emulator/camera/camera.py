@@ -663,7 +663,7 @@ class Camera:
 
     @property
     def is_dark(self) -> bool:
-        """Whether nothing was lit in the last tick: a black picture, or at most a sky."""
+        """Whether nothing was lit in the last tick: a black picture, or at most a backdrop."""
         return self._luminance is not None and (self._unlit or not np.any(self._luminance))
 
     @property

@@ -187,7 +187,7 @@ class Contents:
     flickering: int
     """tables of lights that pulse"""
     unlit: bool
-    """neither a light nor a glowing surface is left"""
+    """neither a light nor a glowing surface is left, nor a sky that shines"""
     seen: str = ""
     """groups of geoms, sites, ... that are seen, and flags that are not the usual ones"""
     hidden_geoms: tuple[str, ...] = ()
@@ -267,7 +267,9 @@ def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
 
 
 def is_unlit(scene: SceneModel, render: RenderConfig) -> bool:
-    """Whether neither a light nor a glowing surface is left; a sky lights nothing."""
+    """Whether neither a light nor a glowing surface is left, nor a sky that shines."""
+    if sky_shines(scene.skybox >= 0, render):
+        return False
     scene = scene if render.sites else scene.without_sites()
     for light in scene.lights:
         colours = (*light.ambient, *light.diffuse, *light.specular, light.intensity)
@@ -276,6 +278,11 @@ def is_unlit(scene: SceneModel, render: RenderConfig) -> bool:
     return not any(
         surface.emission > 0.0 or surface.emissive_map >= 0 for surface in scene.surfaces
     )
+
+
+def sky_shines(sky: bool, render: RenderConfig) -> bool:
+    """Whether a sky, if there is one, lights the scene."""
+    return sky and render.sky == "light" and bool(RENDERERS[render.renderer].bounces)
 
 
 def _is_grey(scene: SceneModel, light: Light) -> bool:
@@ -350,8 +357,9 @@ def _air(has: Contents, render: RenderConfig) -> dict[str, Why]:
     haze = "render.haze=false" if not render.haze else f"there is {without} and so no horizon"
     if has.haze:
         haze = "the camera sees no horizon"
+    sky = "render.sky=light" if sky_shines(has.sky, render) else "a backdrop, which lights nothing"
     return {
-        "sky": Why("the model has a sky", "the model has no sky"),
+        "sky": Why(f"the model has a sky: {sky}", "the model has no sky"),
         "fog": Why("render.fog=true", "render.fog=false"),
         "haze": Why("a sky, and a plane without bounds", haze),
     }
@@ -581,6 +589,6 @@ def _packet_ns(has: Contents, casting: int, render: RenderConfig) -> float:
     ns = PACKET_NS + LIGHT_NS * sum(has.lights.values()) + SHADOW_NS * casting + met * rays
     ns += TEXTURE_NS * (has.textured > 0) + SKY_NS * has.sky + MIRROR_NS * (has.mirrors > 0)
     if RENDERERS[render.renderer].paths:
-        point_ns = POINT_NS + SKY_POINT_NS * has.sky + met * rays
+        point_ns = POINT_NS + SKY_POINT_NS * sky_shines(has.sky, render) + met * rays
         return ns + point_ns * (1 + render.bounces)
     return ns

@@ -181,6 +181,9 @@ class RenderConfig:
     anchored: as owen, but the noise moves with the visible surface (for studies)"""
     headlight: str = "model"
     """model: as the model sets it | off: no headlight"""
+    sky: str = "backdrop"
+    """the model's skybox. backdrop: it is seen behind everything and lights nothing, as in
+    MuJoCo's viewer | light: it also lights the scene and is in mirrors (hybrid, path)"""
     shadows: bool = True
     """true: lights that cast shadows in the model cast them here; false: none do"""
     fog: bool = False

@@ -327,6 +327,7 @@ def scene_data(
     data.skybox = scene.skybox if sky else -1
     if sky and scene.skybox < 0:
         data.skybox = data.add_texture(np.zeros((6, 1, 1, 3), np.uint8), True)
+    data.sky_shines = config.sky == "light"
     atmosphere = scene.atmosphere
     if atmosphere is not None and config.fog:
         data.set_fog(atmosphere.fog_start_m, atmosphere.fog_end_m, atmosphere.fog_rgb)

@@ -117,6 +117,8 @@ def check_render(config: RenderConfig) -> None:
         raise unknown("render.antialiasing", config.antialiasing, ["fixed", "adaptive"])
     if config.headlight not in ("model", "off"):
         raise unknown("render.headlight", config.headlight, ["model", "off"])
+    if config.sky not in ("backdrop", "light"):
+        raise unknown("render.sky", config.sky, ["backdrop", "light"])
     if config.device not in DEVICES:
         raise unknown("render.device", config.device, list(DEVICES))
     if config.lux_per_unit <= 0:

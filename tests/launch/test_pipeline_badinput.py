@@ -101,6 +101,7 @@ BAD = [
     ([*GOOD, "--spp", "65"], ["render.spp is 65"]),
     ([*GOOD, "render.isa=sse"], ["sse", "portable"]),
     ([*GOOD, "render.headlight=on"], ["headlight", "off"]),
+    ([*GOOD, "render.sky=on"], ["sky", "backdrop"]),
     ([*GOOD, "--threads", "-1"], ["threads is -1"]),
     ([*GOOD, "--record", "run.xyz"], ["run.xyz", ".aedat4, .npz"]),
     ([*GOOD, "--record", "missing/run.npz"], ["missing/run.npz", "mkdir -p missing"]),

@@ -460,7 +460,9 @@ void bind_caster(nb::module_& m) {
       .def("set_geoms", &set_geoms, nb::arg("type"), nb::arg("size"), nb::arg("mesh"),
            nb::arg("surface"),
            "Set the geoms: type, mesh and surface (ng,) int32; size (ng, 3) float32, m.")
-      .def_rw("skybox", &SceneData::skybox, "The index of the skybox's texture; -1 for none.");
+      .def_rw("skybox", &SceneData::skybox, "The index of the skybox's texture; -1 for none.")
+      .def_rw("sky_shines", &SceneData::sky_shines,
+              "Whether the skybox lights the scene and is in mirrors; else it is a backdrop.");
 
   nb::class_<BoundCaster>(m, "Caster", "A ray caster: one camera's view of one scene.")
       .def(nb::new_(&make_caster), nb::arg("scene"), nb::arg("optics"), nb::arg("tracing"),

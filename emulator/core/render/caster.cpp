@@ -111,6 +111,8 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
                                [](const Light& light) { return reach_of(light).bounded(); });
   frame_.cull_lights = forced_.decide(LIGHT_REACH, bounded > FEW_LIGHTS);
   frame_.skybox = appearance_.skybox;
+  // direct light knows no sky
+  frame_.sky_shines = appearance_.sky_shines && (tracing.path || tracing.hybrid);
   frame_.channels = appearance_.channels;
   std::copy(appearance_.weights, appearance_.weights + MAX_CHANNELS, frame_.weights);
   frame_.lobes = forced_.decide(LOBES, appearance_.layered || tracing.path || tracing.hybrid);

@@ -272,6 +272,7 @@ void add_surfaces(const SceneData& scene, TextureBaker& baker, Appearance& appea
     appearance.surfaces.push_back(out);
   }
   appearance.skybox = baker.color(scene.skybox, WHITE);
+  appearance.sky_shines = scene.sky_shines && appearance.skybox >= 0;
 }
 
 void apply_medium(const SceneData::MediumData& data, Appearance& appearance) {

@@ -29,6 +29,7 @@ struct Appearance {
   std::vector<Baked> baked;
   std::vector<Texture> textures;  // views of the chains
   int skybox;                     // index into textures, -1 none
+  bool sky_shines;                // else the skybox is a backdrop
   bool textured;                  // a surface has an image
   bool layered;                   // a surface is physical or has maps
   bool normal_mapped;             // a surface has a normal map

@@ -86,7 +86,7 @@ Emitters::Emitters(const SceneData& scene, const Appearance& appearance,
     for (int c = 0; c < 3; c++) ambient_radiance_[c] += std::max(light.ambient[c], 0.0f);
   }
   for (const Light& light : appearance.lights) lamp_count_ += light.kind != IMAGE;
-  has_environment_ = appearance.skybox >= 0 ||
+  has_environment_ = appearance.sky_shines ||
                      lamp_count_ < static_cast<int>(appearance.lights.size()) ||
                      ambient_radiance_[0] + ambient_radiance_[1] + ambient_radiance_[2] > 0;
   for (size_t k = 0; k < order.size(); k++) {
@@ -151,8 +151,8 @@ bool Emitters::remove_emitters(Which which) {
   return true;
 }
 
-// Build the distribution of skybox and image lights together, unless their light is so even that
-// rays that leave a surface find it as well.
+// Build the distribution of a skybox that shines and of image lights together, unless their light
+// is so even that rays that leave a surface find it as well.
 void Emitters::make_environment(const Appearance& appearance) {
   struct Source {
     const Texture* texture;
@@ -167,7 +167,7 @@ void Emitters::make_environment(const Appearance& appearance) {
     sources.push_back({&t, level, {tint[0], tint[1], tint[2]}});
   };
   constexpr float WHITE[3] = {1, 1, 1};
-  if (appearance.skybox >= 0) add(appearance.skybox, WHITE);
+  if (appearance.sky_shines) add(appearance.skybox, WHITE);
   for (const Light& light : appearance.lights) {
     if (light.kind == IMAGE) add(light.texture, light.diffuse);
   }

@@ -82,7 +82,7 @@ struct Surface {
   float metallic;              // physical only: 0 dielectric ... 1 metal
   float roughness;             // physical only: its square is the width of the GGX lobe
   float alpha_ggx;             // width of the GGX lobe; classic: of a lobe as wide as Blinn-Phong's
-  float f0;                    // classic: specular reflectance at normal incidence, grey
+  float f0;                    // classic: specular reflectance at normal incidence
   int texture;                 // -1 none
   float repeat[2];
   bool uniform;
@@ -192,6 +192,7 @@ struct Frame {
   LightReachArray reach;     // of the lights
   bool cull_lights;          // leave out those that do not reach
   int skybox;                // texture, -1 none
+  bool sky_shines;           // it lights the scene and is in mirrors; else a backdrop
   float camera_to_world[9];  // row-major, camera to world
   Medium medium;
   bool shadows;

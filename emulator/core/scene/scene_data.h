@@ -59,6 +59,7 @@ struct SceneData {
   std::vector<SurfaceData> surfaces;
   std::vector<LightData> lights;
   int skybox = -1;
+  bool sky_shines = false;  // else the skybox is a backdrop
   MediumData medium;
 };
 

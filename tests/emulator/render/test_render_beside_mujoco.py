@@ -198,3 +198,98 @@ def test_lamps_fade_as_mujocos(
         theirs, ours = share_of(mujoco_beside.beside(model, render=render))
         assert theirs == pytest.approx(0.8, abs=0.01)
         assert ours == pytest.approx(0.8, rel=0.01)
+
+
+TRACED = [
+    RenderConfig(spp=4),
+    RenderConfig(renderer="hybrid", spp=4),
+    RenderConfig(renderer="path", spp=64),
+]
+SUN = '<light dir="0 0 -1" directional="true" diffuse=".5 .5 .5" castshadow="false" {}/>'
+FLOOR = '<geom type="plane" size="2 2 .05" {}/>'
+HIGHLIGHTS = {
+    "no material": (SUN, FLOOR.format('rgba=".2 .3 .4 1"')),
+    "material": (SUN, FLOOR.format('material="grey"')),
+    "shiny": (SUN, FLOOR.format('material="shiny"')),
+    "dark tiles": (SUN, FLOOR.format('material="dark"')),
+    "box": (SUN, '<geom type="box" size="2 2 .5" pos="0 0 -.5" rgba=".2 .3 .4 1"/>'),
+    "mesh": (SUN, '<geom type="mesh" mesh="ball" pos="0 0 -9" rgba=".2 .3 .4 1"/>'),
+    "headlight": ("", FLOOR.format('rgba=".2 .3 .4 1"')),
+    "lamp without a highlight": (
+        SUN.format('specular="0 0 0"'),
+        FLOOR.format('rgba=".2 .3 .4 1"'),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", HIGHLIGHTS)
+def test_highlights_are_as_bright_as_mujocos(kind: str, mujoco_beside: MujocoPictures):
+    """By how much the middle is brighter than the far side, in code: a classic material shows the
+    lamp's `specular`, in the colour of its texture. MuJoCo adds codes where we add light."""
+    lamp, floor = HIGHLIGHTS[kind]
+    shown = 0.5 if kind == "headlight" else 0
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco>
+        <visual><headlight ambient=".2 .2 .2" diffuse="{shown} {shown} {shown}"
+          specular="{shown} {shown} {shown}"/></visual>
+        <asset><mesh name="ball" builtin="sphere" params="4" scale="9 9 9"/>
+        <texture name="dark" type="2d" builtin="flat" rgb1=".2 .3 .4" width="8" height="8"/>
+        <material name="grey" rgba=".2 .3 .4 1"/><material name="dark" texture="dark"/>
+        <material name="shiny" rgba=".2 .3 .4 1" specular="1" shininess="1"/></asset>
+        <worldbody>{lamp.format("")}{floor}
+        <camera name="c" pos="0 0 1.2" fovy="80"/></worldbody></mujoco>""")
+    for render in TRACED:
+        seen = mujoco_beside.beside(model, camera="c", render=render)
+        theirs, ours = (
+            picture[60, 76:84].mean() - picture[60, 2:10].mean()
+            for picture in (seen.theirs.astype(float), seen.our_code.astype(float))
+        )
+        if kind == "lamp without a highlight":
+            assert max(abs(theirs), abs(ours)) < 2, (render.renderer, theirs, ours)
+        else:
+            assert theirs > 3
+            assert 0.2 < ours / theirs < 1.5, (render.renderer, theirs, ours)
+
+
+def test_a_mirror_and_the_sky_are_as_in_mujocos_picture(mujoco_beside: MujocoPictures):
+    """A bright sky lights nothing and is in no mirror, which takes nothing from its surface, unless
+    it is asked to."""
+    sky, even = '<texture type="skybox" builtin="flat" rgb1="1 1 1" width="8" height="8"/>', {}
+    for name, asset in (("sky", sky), ("none", "")):
+        model = mujoco.MjModel.from_xml_string(f"""<mujoco>{AROUND.format(1)}<asset>{asset}
+            <material name="m" rgba=".5 .5 .5 1" reflectance=".7" specular="0"/></asset><worldbody>
+            <geom type="plane" size="2 2 .1" rgba=".7 .5 .3 1"/>
+            <geom type="box" size=".7 .7 .1" pos="0 0 .1" material="m"/>
+            <camera pos="0 -3 1.5" xyaxes="1 0 0 0 .5 1"/></worldbody></mujoco>""")
+        for render in TRACED:
+            seen = mujoco_beside.beside(model, render=replace(render, spp=16, bounces=1))
+            even[name, render.renderer] = seen.ours[seen.inside(0) | seen.inside(1)]
+            theirs, ours = seen.colours(1)
+            np.testing.assert_allclose(ours, theirs, atol=0.02)
+            if name == "sky" and render.renderer != "direct":
+                lit = replace(render, sky="light")
+                assert mujoco_beside.beside(model, render=lit).colours(1)[1].min() > 0.8
+    for render in TRACED:
+        np.testing.assert_array_equal(even["sky", render.renderer], even["none", render.renderer])
+
+
+BRIGHT = ("gymnasium/ant", "dm_control/humanoid", "dm_control/manipulator")
+"""Under a pale sky, with stars in a mirror, in front of a wall."""
+BRIGHT_TOO = ("gymnasium/half_cheetah", "gymnasium/humanoid", "gymnasium/pusher",
+              "dm_control/cartpole", "dm_control/cheetah", "dm_control/quadruped",
+              "dm_control/walker")  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "name", [*BRIGHT, *(pytest.param(name, marks=pytest.mark.slow) for name in BRIGHT_TOO)]
+)
+def test_robots_are_as_bright_as_in_mujocos_picture(
+    name: str, robot_files, mujoco_beside: MujocoPictures
+):
+    """The mean code of what is not sky. Light that is added up, not codes, is paler on slopes."""
+    means = []
+    for render in TRACED:
+        seen = mujoco_beside.beside(load_model(robot_files[name]), render=render)
+        there = seen.our_ids >= 0
+        means = [*(means or [seen.theirs[there].mean()]), seen.our_code[there].mean()]
+    print(f"| {name} |", " | ".join(f"{mean:.0f}" for mean in means), "|")
+    assert all(0.85 < mean / means[0] < 1.25 for mean in means), means

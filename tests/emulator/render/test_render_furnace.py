@@ -96,13 +96,17 @@ def test_a_convex_body_in_even_light(
 
 
 def test_a_mirror_has_no_image_of_ambient_light(tmp_path: Path) -> None:
-    # as in MuJoCo's picture: only what is not mirrored is lit
-    for reflectance in (0.75, 0.5):
+    # as in MuJoCo's picture: a mirror takes nothing from its surface, unless that is physical
+    for surface, lit in (
+        (matt(0.8, reflectance=0.75), 0.8),
+        (matt(0.8, reflectance=1.0), 0.8),
+        (matt(0.8, reflectance=0.75, metallic=0.0, roughness=0.1), 0.25 * (0.96 * 0.8 + 0.04)),
+    ):
         made = Builder()
-        made.add(Shape.SPHERE, (0.7,), (0, 0, 0), matt(1.0, reflectance=reflectance))
+        made.add(Shape.SPHERE, (0.7,), (0, 0, 0), surface)
         clouds(made)
         stage = look(made, (0.2, -4, 1), (0, 0, 0), 1, fovy_deg=10.0)
-        assert_is(stage, (1 - reflectance) * CLOUDS[0], tmp_path)
+        assert_is(stage, lit * CLOUDS[0], tmp_path)
 
 
 @pytest.mark.parametrize("degrees", [0.0, 50.0, 75.0])

@@ -34,7 +34,7 @@ REST = 3 * RENEWAL * QUARTERS
 def renderer_of(
     stage: RandomStage | Stage, threads: int = 1, rgb: bool = False, **render: object
 ) -> HybridRenderer:
-    own = stage.render if isinstance(stage, RandomStage) else {}
+    own = stage.render if isinstance(stage, RandomStage) else {"sky": stage.render.sky}
     config = replace(HYBRID, **{**own, **render})  # type: ignore[arg-type]
     made = make_renderer(stage.scene, stage.camera, config, threads, rgb=rgb)
     assert isinstance(made, HybridRenderer)

@@ -192,8 +192,11 @@ def _mesh(mesh: Mesh, frame: F64, look: dict[str, Any]) -> Any:
 
 def bsdf(stage: Stage, surface: Surface, shape: Shape) -> dict[str, Any]:
     """A material: a share that mirrors, a glossy share without Fresnel, and the rest Lambert."""
-    albedo = rgb(linear(surface.rgba[:3]))
+    # a mirror takes nothing from the rest of a classic material, so the blend below may not either
+    beside = 1 - surface.reflectance if surface.roughness < 0 else 1.0
+    albedo = rgb(linear(surface.rgba[:3]) / beside)
     if surface.texture >= 0:
+        assert beside == 1
         albedo = _texture(stage, surface, shape)
     look: dict[str, Any] = {"type": "diffuse", "reflectance": albedo}
     shine = {"type": "roughconductor", "material": "none", "distribution": "ggx"}
@@ -209,6 +212,8 @@ def bsdf(stage: Stage, surface: Surface, shape: Shape) -> dict[str, Any]:
     elif stage.path and surface.specular > 0:
         # the lobe of a Blinn-Phong exponent; specular 0.5 reflects like most dielectrics
         width = np.sqrt(2 / (128 * surface.shininess + 2))
+        assert beside == 1
+        assert surface.texture < 0  # which would colour the lobe
         look = _blend(0.08 * surface.specular, look, shine | {"alpha": float(width)})
     if surface.reflectance > 0:
         mirror = {"type": "conductor", "material": "none"}

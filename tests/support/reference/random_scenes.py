@@ -211,7 +211,9 @@ class RandomStage:
             air = Atmosphere(
                 1.0, 6.0, (0.3, 0.4, 0.5), float(more.choice([0.1, 0.5])), 4.0, (0.9, 0.8, 0.7)
             )
-        self.render: dict[str, object] = {"fog": seed % 2 == 0, "flicker": (PULSE,)} if rich else {}
+        self.render: dict[str, object] = {"sky": ("light", "backdrop")[seed % 3 == 0]}
+        if rich:
+            self.render |= {"fog": seed % 2 == 0, "flicker": (PULSE,)}
         sizes = [random_size(rng, shape, decades) for shape in shapes]
         twins = self._make_small(shapes, sizes) if many else np.arange(count)
         self.scene = scene_of(

@@ -37,7 +37,9 @@ class Stage:
     shot: SceneSnapshot
     camera: CameraModel
     pose: CameraPose
-    render: RenderConfig = field(default_factory=lambda: RenderConfig(headlight="model"))
+    render: RenderConfig = field(
+        default_factory=lambda: RenderConfig(headlight="model", sky="light")
+    )
     bounces: int = 0
     """off surfaces, between eye and lamp; -1: only what glows of itself is seen"""
     path: bool = False
@@ -79,13 +81,11 @@ class Builder:
     def shine(
         self, kind: LightKind, pos: Vector = (0, 0, 0), towards: Vector = (0, 0, -1), **light: Any
     ) -> None:
-        """One light; fades with the square of the distance and glows in no other way."""
+        """One light; fades with the square of the distance, and its highlights are its image."""
         direction = np.array(towards, np.float64)
-        dark, square = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
-        plain = Light(
-            kind, specular=dark, attenuation=square, exponent=0.0, range_m=0.0, softness=0.0
-        )
-        self.lights.append(replace(plain, **light))
+        plain = Light(kind, attenuation=(0.0, 0.0, 1.0), exponent=0.0, range_m=0.0, softness=0.0)
+        shining = replace(plain, **light)
+        self.lights.append(replace(shining, specular=shining.diffuse))
         self.places.append((pos, direction / np.linalg.norm(direction)))
 
     def look(

@@ -66,10 +66,11 @@ inline void cached_interaction(const Frame& f, int index, const Rays& rays, cons
   interaction.reflectance = mirror_reflectance(g, s, normal, to_local(g.rotation, rays.direction));
   interaction.alpha_ggx = splat(s.alpha_ggx);
   interaction.metallic = splat(s.physical ? s.metallic : 0.0f);
+  interaction.physical = mask_from_bits(s.physical ? ALL_LANES : 0);
   for (int c = 0; c < 3; c++) {
     interaction.albedo[c] = s.texture >= 0 ? load(albedo[c] + at) : splat(s.albedo[c]);
     interaction.emitted[c] = interaction.albedo[c] * s.emission;
-    interaction.f0[c] = splat(s.f0);
+    interaction.f0[c] = s.texture >= 0 ? interaction.albedo[c] * s.f0 : splat(s.f0);
     if (s.physical)
       interaction.f0[c] = 0.04f + (interaction.albedo[c] - 0.04f) * interaction.metallic;
   }

@@ -135,10 +135,8 @@ void shade_direct(const Frame& f, const Rays& rays, const Hit& hit,
   add_lights<CHANNELS>(f, rays, hit, interaction, bounds, lit, first, f.light_count, out);
 }
 
-// How `direct` shades a surface, and what its mirrors show.
+// How `direct` shades a surface.
 struct DirectShading {
-  static constexpr bool MIRRORS_SHOW_SKY = false;  // as in MuJoCo's viewer
-
   template <int CHANNELS>
   void shade(const Frame& f, const Rays& rays, const Hit& hit,
              const SurfaceInteraction<CHANNELS>& interaction, LazyBounds& bounds, Mask lit, Float,
@@ -218,7 +216,7 @@ void radiance(const Shading& shading, const Frame& f, const Rays& rays, const Ra
       haze_alpha = select(behind, splat(0.0f), haze_alpha);
     }
     bool fog = FOLLOW && f.medium.fog;
-    if ((FOLLOW || Shading::MIRRORS_SHOW_SKY) && (f.skybox >= 0 || fog) && any(missed)) {
+    if (((FOLLOW && f.skybox >= 0) || f.sky_shines || fog) && any(missed)) {
       Float light[CHANNELS];
       for (int c = 0; c < CHANNELS; c++) light[c] = splat(f.medium.fog_color[c]);
       if (!fog) camera_environment<CHANNELS>(f, rays.direction, to_bits(missed), light);
@@ -241,8 +239,8 @@ void radiance(const Shading& shading, const Frame& f, const Rays& rays, const Ra
     // follow mirrors once
     if constexpr (FOLLOW) {
       Mask mirror = lit & (interaction.reflectance > 0.0f);
-      bool shows_sky = Shading::MIRRORS_SHOW_SKY && f.skybox >= 0;
-      bool empty = !any(mirror) || (!shows_sky && mirror_is_empty(f, rays, hit, mirror));
+      // as in MuJoCo's viewer, a sky that is only a backdrop is in no mirror
+      bool empty = !any(mirror) || (!f.sky_shines && mirror_is_empty(f, rays, hit, mirror));
       if (!empty || (recorder && any(mirror))) {
         reflect<CHANNELS>(shading, f, rays, interaction, bounds.of(interaction, lit), mirror, empty,
                           path_length + hit.distance, recorder, surface);

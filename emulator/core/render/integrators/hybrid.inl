@@ -31,7 +31,6 @@ constexpr int OUTERMOST = 8;       // points of a glowing geom that decide wheth
 constexpr float GRAZING = 0.01f;
 
 struct HybridShading {
-  static constexpr bool MIRRORS_SHOW_SKY = true;
   static constexpr bool KEEPS = LANES == PACKET;
   const PathFrame& p;
   const IrradianceView& cache;
@@ -97,17 +96,16 @@ struct HybridShading {
              (dot(wi, interaction.geometric_normal) > 0.0f);
     }
 
-    // Evaluate the lobes for light from wi, times pi.
-    EVS_INLINE void reflected(Vec wi, Mask lanes, Float* value) const {
-      Float cosine = max(dot(wi, s.geometry.normal), splat(0.0f)), specular = splat(0.0f);
+    // Evaluate the lobes for light from wi, times pi, for a reflectance of 1.
+    EVS_INLINE void lobes(Vec wi, Mask lanes, Float& specular, Float& cosine) const {
+      cosine = max(dot(wi, s.geometry.normal), splat(0.0f));
+      specular = splat(0.0f);
       Mask glossy = mask_from_bits(0);
       for (int c = 0; c < CHANNELS; c++) glossy = glossy | (s.specular[c] > 0.0f);
       if (any(glossy & lanes)) {
         specular = visible_normal_pdf(s.geometry, rays.direction, wi) *
                    smith_g1(max(cosine, splat(1e-6f)), s.geometry.alpha) * PI;
       }
-      for (int c = 0; c < CHANNELS; c++)
-        value[c] = s.specular[c] * specular + s.diffuse[c] * cosine;
     }
   };
 
@@ -466,10 +464,18 @@ struct HybridShading {
     }
     facing = facing & (strength > 0.0f);
     if (!any(facing)) return;
-    Float value[CHANNELS];
-    at.reflected(in.wi, facing, value);
-    for (int c = 0; c < CHANNELS; c++)
-      at.out[c] = select(facing, at.out[c] + value[c] * strength * light.diffuse[c], at.out[c]);
+    // a lamp without `specular` has no highlight on classic surfaces
+    Mask shining = at.s.geometry.physical;
+    for (int c = 0; c < CHANNELS; c++) {
+      if (light.specular[c] > 0) shining = mask_from_bits(ALL_LANES);
+    }
+    Float specular, cosine;
+    at.lobes(in.wi, facing & shining, specular, cosine);
+    for (int c = 0; c < CHANNELS; c++) {
+      Float reflected = at.s.specular[c] * specular * highlight(light, at.s.geometry.physical, c) +
+                        at.s.diffuse[c] * cosine * light.diffuse[c];
+      at.out[c] = select(facing, at.out[c] + reflected * strength, at.out[c]);
+    }
   }
 
   // A glowing geom: small discs on its surface.
@@ -543,15 +549,16 @@ struct HybridShading {
         strength = select(partly, strength * passed(facing & partly), strength);
         facing = facing & (strength > 0.0f);
       }
-      Float value[CHANNELS];
-      at.reflected(wi, facing, value);
+      Float specular, cosine;
+      at.lobes(wi, facing, specular, cosine);
       const LampPoint& point = points[k];
       Received light;
       for (int c = 0; c < 3; c++) light.colour[c] = splat(point.radiance[c]);
       light.luminance = load(shares[0]) * point.radiance[0] + load(shares[1]) * point.radiance[1] +
                         load(shares[2]) * point.radiance[2];
       for (int c = 0; c < CHANNELS; c++) {
-        Float reached = value[c] * strength * of_channel<CHANNELS>(f, light, c);
+        Float value = at.s.specular[c] * specular + at.s.diffuse[c] * cosine;
+        Float reached = value * strength * of_channel<CHANNELS>(f, light, c);
         at.out[c] = select(facing, at.out[c] + reached, at.out[c]);
       }
     }

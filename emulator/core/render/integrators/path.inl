@@ -160,7 +160,9 @@ inline void add_lamp(const Frame& f, const PathFrame& p, const Bsdf& s, Vec d,
   // a light of diffuse E gives a Lambertian surface the radiance albedo E: its irradiance is pi E
   Float scale = tr * weight * in.strength * PI;
   for (int c = 0; c < 3; c++) {
-    out[c] = out[c] + select(facing, v.f_cos[c] * scale * light.diffuse[c], splat(0.0f));
+    Float reflected = s.specular[c] * v.specular * highlight(light, s.physical, c) +
+                      s.diffuse[c] * v.lambert * light.diffuse[c];
+    out[c] = out[c] + select(facing, reflected * scale, splat(0.0f));
   }
 }
 
@@ -253,14 +255,12 @@ inline Mask intersect_paths(const Frame& f, const PathFrame& p, int bounce, Path
   if (bounce == 0 && f.medium.haze) lit = lit & ~behind_haze(f, rays.direction, hit);
   // add the environment where they miss
   Mask missed = active & ~lit;
-  if (any(missed) && p.has_environment && !environment_alone) {
-    if (bounce == 0) {
-      Float light[3] = {zero, zero, zero};
-      if (f.skybox >= 0) camera_environment<3>(f, rays.direction, to_bits(missed), light);
-      add_radiance(path.throughput, light, one, missed, out);
-    } else {
-      add_environment(f, p, path, one, missed, out);
-    }
+  if (any(missed) && bounce == 0 && f.skybox >= 0) {
+    Float light[3];
+    camera_environment<3>(f, rays.direction, to_bits(missed), light);
+    add_radiance(path.throughput, light, one, missed, out);
+  } else if (any(missed) && bounce > 0 && p.has_environment && !environment_alone) {
+    add_environment(f, p, path, one, missed, out);
   }
   return lit;
 }

@@ -24,7 +24,8 @@ struct KeptHead {
 };
 
 // Rows of a sample's surface: distance, geom, point, origin of rays, normal, geometric normal,
-// width of the specular lobe; by channel diffuse and specular reflectance, emitted light.
+// width of the specular lobe, below 0 where it is a classic surface's; by channel diffuse and
+// specular reflectance, emitted light.
 constexpr int SURFACE_CHANNELS = 15;
 
 template <int CHANNELS>
@@ -33,9 +34,10 @@ struct SurfaceLobes {
   Float specular[CHANNELS], diffuse[CHANNELS];
 };
 
-EVS_INLINE Bsdf lobe_geometry(Vec normal, Vec d, Float alpha) {
+EVS_INLINE Bsdf lobe_geometry(Vec normal, Vec d, Float alpha, Mask physical) {
   Bsdf s;
   s.normal = normal;
+  s.physical = physical;
   s.cos_outgoing = max(-dot(d, normal), splat(1e-4f));
   s.alpha = min(max(alpha, splat(0.002f)), splat(1.0f));
   return s;
@@ -45,8 +47,9 @@ EVS_INLINE Bsdf lobe_geometry(Vec normal, Vec d, Float alpha) {
 template <int CHANNELS>
 SurfaceLobes<CHANNELS> surface_lobes(const SurfaceInteraction<CHANNELS>& interaction, Vec d) {
   SurfaceLobes<CHANNELS> s;
-  s.geometry = lobe_geometry(interaction.normal, d, interaction.alpha_ggx);
-  Float rest = 1.0f - min(max(interaction.reflectance, splat(0.0f)), splat(1.0f));
+  s.geometry = lobe_geometry(interaction.normal, d, interaction.alpha_ggx, interaction.physical);
+  Float mirror = min(max(interaction.reflectance, splat(0.0f)), splat(1.0f));
+  Float rest = beside_mirror(mirror, interaction.physical);
   for (int c = 0; c < CHANNELS; c++) {
     Float f0 = min(max(interaction.f0[c], splat(0.0f)), splat(1.0f));
     s.specular[c] = rest * f0;
@@ -106,7 +109,7 @@ struct KeptWriter {
     put(as_float(hit.geom));
     const Vec* const vectors[] = {&at.point, &at.spawn_point, &at.normal, &at.geometric_normal};
     for (const Vec* v : vectors) put(v->x), put(v->y), put(v->z);
-    put(lobes.geometry.alpha);
+    put(select(lobes.geometry.physical, lobes.geometry.alpha, -lobes.geometry.alpha));
     const Float* const colours[] = {lobes.diffuse, lobes.specular, at.emitted};
     for (const Float* colour : colours) {
       for (int c = 0; c < CHANNELS; c++) put(colour[c]);
@@ -173,12 +176,14 @@ void read_surface(const float* rows, float step, Vec direction, KeptSurface<CHAN
   Vec* const vectors[] = {&at.point, &at.spawn_point, &at.normal, &at.geometric_normal};
   for (Vec* v : vectors) v->x = get(), v->y = get(), v->z = get();
   at.step = step;
-  at.alpha_ggx = get();
+  Float width = get();
+  at.alpha_ggx = abs(width);
+  at.physical = width > 0.0f;
   Float* const colours[] = {to.lobes.diffuse, to.lobes.specular, at.emitted};
   for (Float* colour : colours) {
     for (int c = 0; c < CHANNELS; c++) colour[c] = get();
   }
-  to.lobes.geometry = lobe_geometry(at.normal, direction, at.alpha_ggx);
+  to.lobes.geometry = lobe_geometry(at.normal, direction, at.alpha_ggx, at.physical);
 }
 
 // The light of a packet with what it has kept, as trace_hybrid finds it. In: lamps(sample, step,

@@ -170,6 +170,7 @@ inline void start_node_paths(const Frame& f, const PathFrame& p, Wavefront& fron
   axes_of(s.normal, p.world, s.x, s.y);
   s.cos_outgoing = s.alpha = one;
   s.mirror = s.mirror_probability = s.specular_probability = zero;
+  s.physical = mask_from_bits(0);
   for (int c = 0; c < 3; c++) {
     s.specular[c] = at.received[c] = zero;
     s.diffuse[c] = one;

@@ -1,10 +1,10 @@
-// The BSDF of the `path` integrator: a mixture of a perfect mirror (its share is `reflectance`), a
-// GGX specular lobe of width alpha with the angle-independent reflectance f0, and a Lambertian lobe
-// with the rest of the albedo.
+// The BSDF of the `path` integrator: a perfect mirror of `reflectance`, a GGX specular lobe of
+// width alpha with the angle-independent reflectance f0, and a Lambertian lobe with the rest of the
+// albedo. The mirror takes its share from the lobes of physical surfaces. Classic ones reflect it
+// in addition, as in MuJoCo, and so may reflect more than they receive.
 //
 // GGX has the Smith masking-shadowing of Walter et al. 2007. Directions are sampled from the
-// distribution of visible normals (Heitz 2018; Dupuy & Benyoub 2023). The BSDF is reciprocal and
-// conserves energy.
+// distribution of visible normals (Heitz 2018; Dupuy & Benyoub 2023). The BSDF is reciprocal.
 #pragma once
 
 #include "shading/surface_interaction.inl"
@@ -55,8 +55,9 @@ struct Bsdf {
   Vec normal, x, y;
   Float cos_outgoing;  // towards the eye, above 0
   Float alpha;         // width of the specular lobe
+  Mask physical;       // others are classic: lamps have a colour of their own for their highlights
   Float specular[3], diffuse[3];
-  Float mirror;                // share of the perfect mirror
+  Float mirror;                // reflectance of the perfect mirror
   Float mirror_probability;    // with which it is chosen
   Float specular_probability;  // of the specular lobe, where the mirror is not chosen
 };
@@ -72,6 +73,11 @@ EVS_INLINE Float even_probability(Float mirror, int samples) {
   return select((mirror > 0.0f) & (mirror < 1.0f), whole * (1.0f / count), mirror);
 }
 
+// The share of the light that a mirror leaves to the lobes of its surface.
+EVS_INLINE Float beside_mirror(Float mirror, Mask physical) {
+  return select(physical, 1.0f - mirror, splat(1.0f));
+}
+
 // Build the BSDF of an interaction. wo is -d; `samples` are those of a pixel that meet here;
 // `world`: of axes_of.
 EVS_INLINE Bsdf make_bsdf(const SurfaceInteraction<3>& interaction, Vec d, int samples,
@@ -82,11 +88,14 @@ EVS_INLINE Bsdf make_bsdf(const SurfaceInteraction<3>& interaction, Vec d, int s
   s.cos_outgoing = max(-dot(d, s.normal), splat(1e-4f));
   // a narrower lobe is a mirror in single precision
   s.alpha = min(max(interaction.alpha_ggx, splat(0.002f)), splat(1.0f));
+  s.physical = interaction.physical;
   s.mirror = min(max(interaction.reflectance, splat(0.0f)), splat(1.0f));
-  s.mirror_probability = even_probability(s.mirror, samples);
+  // a classic surface shows in full beneath its mirror, so at least half of the samples see it
+  Float most = select(interaction.physical, splat(1.0f), splat(0.5f));
+  s.mirror_probability = even_probability(min(s.mirror, most), samples);
   // divide what the mirror leaves between the lobes
   Float specular = splat(0.0f), diffuse = splat(0.0f);
-  Float rest = 1.0f - s.mirror;
+  Float rest = beside_mirror(s.mirror, interaction.physical);
   for (int c = 0; c < 3; c++) {
     Float f0 = min(max(interaction.f0[c], splat(0.0f)), splat(1.0f));
     s.specular[c] = rest * f0;
@@ -129,8 +138,9 @@ EVS_INLINE Vec sample_visible_normal(const Bsdf& s, Vec d, Float u, Float cosine
 }
 
 struct BsdfValue {
-  Float f_cos[3];  // f times the cosine of w, without the mirror
-  Float pdf;       // of `sample_bsdf` for w, without the mirror, per sr
+  Float f_cos[3];           // f times the cosine of w, without the mirror
+  Float specular, lambert;  // its lobes, for a reflectance of 1
+  Float pdf;                // of `sample_bsdf` for w, without the mirror, per sr
 };
 
 EVS_INLINE BsdfValue evaluate_bsdf(const Bsdf& s, Vec d, Vec w) {
@@ -140,14 +150,21 @@ EVS_INLINE BsdfValue evaluate_bsdf(const Bsdf& s, Vec d, Vec w) {
   Float cosine = max(cos_incoming, splat(0.0f));
   // the VNDF pdf of w is D G1(wo) / (4 cos(wo)); times G1(w) and F it is f cos
   Float vndf_pdf = visible_normal_pdf(s, d, w);
-  Float specular = vndf_pdf * smith_g1(max(cosine, splat(1e-6f)), s.alpha);
-  Float lambert = cosine * (1.0f / PI);
+  v.specular = vndf_pdf * smith_g1(max(cosine, splat(1e-6f)), s.alpha);
+  v.lambert = cosine * (1.0f / PI);
   for (int c = 0; c < 3; c++) {
-    v.f_cos[c] = select(above, s.specular[c] * specular + s.diffuse[c] * lambert, splat(0.0f));
+    v.f_cos[c] = select(above, s.specular[c] * v.specular + s.diffuse[c] * v.lambert, splat(0.0f));
   }
-  Float mixture_pdf = s.specular_probability * vndf_pdf + (1.0f - s.specular_probability) * lambert;
+  Float mixture_pdf =
+      s.specular_probability * vndf_pdf + (1.0f - s.specular_probability) * v.lambert;
   v.pdf = select(above, (1.0f - s.mirror_probability) * mixture_pdf, splat(0.0f));
   return v;
+}
+
+// What a lamp's light makes in the specular lobe, of channel c: a classic surface shows the
+// lamp's own `specular`, as in MuJoCo, a physical one what it shines.
+EVS_INLINE Float highlight(const Light& light, Mask physical, int c) {
+  return select(physical, splat(light.diffuse[c]), splat(light.specular[c]));
 }
 
 struct BsdfSample {

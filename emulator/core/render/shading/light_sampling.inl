@@ -82,9 +82,9 @@ inline void environment_radiance(const Frame& f, const PathFrame& p, const Envir
     sample_texture(f.textures[texture], 3, at.u, at.v, at.face, footprint, lanes, texel);
     for (int c = 0; c < 3; c++) light[c] = light[c] + texel[c] * tint[c];
   };
-  // add the skybox and the image lights
+  // add the skybox, if it shines, and the image lights
   constexpr float WHITE[3] = {1, 1, 1};
-  if (f.skybox >= 0) add(f.skybox, WHITE);
+  if (f.sky_shines) add(f.skybox, WHITE);
   for (int i = 0; i < f.light_count; i++) {
     if (f.lights[i].kind == IMAGE) add(f.lights[i].texture, f.lights[i].diffuse);
   }

@@ -402,7 +402,7 @@ void interact_with_geom(const Frame& f, const Rays& rays, const Hit& hit, Float 
   assign(out.metallic, s.physical ? material.metallic : splat(0.0f));
   assign(out.physical, s.physical ? here : mask_from_bits(0));
   for (int c = 0; c < CHANNELS; c++) {
-    Float f0 = splat(s.f0);
+    Float f0 = tint[c] * s.f0;
     if (s.physical) f0 = 0.04f + (albedo[c] - 0.04f) * material.metallic;
     assign(out.f0[c], f0);
   }

@@ -26,6 +26,7 @@ inline Bsdf probe_surface(const ProbeSurface& surface, Vec& d) {
     interaction.f0[c] = splat(surface.f0[c]);
   }
   interaction.metallic = splat(surface.metallic);
+  interaction.physical = mask_from_bits(ALL_LANES);
   interaction.alpha_ggx = splat(surface.alpha);
   interaction.reflectance = splat(surface.mirror);
   d = splat(V3{-surface.eye[0], -surface.eye[1], -surface.eye[2]});
