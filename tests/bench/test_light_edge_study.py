@@ -39,7 +39,7 @@ LATE_US = 1500
 
 
 def shoot(film: Film, seed: int, **render: object) -> np.ndarray:
-    config = RenderConfig(**{"renderer": "path", **render})  # type: ignore[arg-type]
+    config = RenderConfig(**{"renderer": "path", "sky": "light", **render})  # type: ignore[arg-type]
     return film.light_by(make_renderer(film.scene, film.camera, config, 2, seed=seed))[0]
 
 

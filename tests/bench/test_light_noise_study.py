@@ -77,7 +77,7 @@ def film_of(name: str, motion: str, files: dict[str, Path], soft: bool = True) -
 
 def shoot(film: Film, seed: int, **render: object) -> F32:
     """Render the film with `path`: luminance, (ticks, h, w) float32."""
-    config = RenderConfig(**{"renderer": "path", **render})  # type: ignore[arg-type]
+    config = RenderConfig(**{"renderer": "path", "sky": "light", **render})  # type: ignore[arg-type]
     return film.light_by(make_renderer(film.scene, film.camera, config, 2, seed=seed))[0]
 
 

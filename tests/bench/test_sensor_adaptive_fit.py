@@ -61,7 +61,7 @@ class Clip:
 
 def shoot(film: Film, spp: int, seed: int, seeds: str = "fresh") -> F32:
     """(ticks, h, w) light of `path`."""
-    config = RenderConfig(renderer="path", spp=spp, seeds=seeds)
+    config = RenderConfig(renderer="path", spp=spp, seeds=seeds, sky="light")
     return film.light_by(make_renderer(film.scene, film.camera, config, 2, seed=seed))[0]
 
 

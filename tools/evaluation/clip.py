@@ -67,6 +67,7 @@ class Clip:
     """side of the patch"""
     bounces: int
     flicker: tuple[FlickerConfig, ...]
+    sky: str
     tick_us: int = TICK_US
 
     @property
@@ -85,7 +86,7 @@ class Clip:
 
     def fingerprint(self, ticks: int) -> str:
         """Hash of everything that shapes the light of its first ticks, except how it is traced."""
-        light = self.scene, self.bounces, self.flicker
+        light = self.scene, self.bounces, self.flicker, self.sky
         return digest((light, self.camera, self.instants[:ticks], self.pixels))
 
 
@@ -161,6 +162,7 @@ def make_clip(
         patch_px,
         setup.bounces,
         setup.flicker,
+        setup.sky,
         tick_us,
     )
 

@@ -62,7 +62,7 @@ def renderer_of(clip: Clip, spec: LightSpec, threads: int) -> TracingRenderer:
     Raises:
         EvsError: no renderer has these settings.
     """
-    config = replace(spec.render, bounces=clip.bounces, flicker=clip.flicker)
+    config = replace(spec.render, bounces=clip.bounces, flicker=clip.flicker, sky=clip.sky)
     made = make_renderer(clip.scene, clip.camera, config, threads, seed=spec.seed)
     assert isinstance(made, TracingRenderer)
     return made

@@ -39,6 +39,8 @@ class SceneSetup:
     """whether the camera keeps its first pose"""
     bounces: int = 2
     flicker: tuple[FlickerConfig, ...] = ()
+    sky: str = "backdrop"
+    """as of [render]; robots and procedural scenes are lit by theirs"""
 
 
 BULB = 0.1
@@ -98,7 +100,7 @@ _LOOK_SEED = 0
 def scene_setup(name: str) -> SceneSetup:
     """The scene: PACKAGE/ROBOT, procedural/NUMBER, FILE or package:path.
 
-    The lamps of a robot get a size, so that its shadows are soft.
+    The lamps of a robot get a size, so that its shadows are soft, and its sky lights it.
 
     Raises:
         EvsError: no such scene, or the package that holds it is not installed.
@@ -122,10 +124,10 @@ def _robot(name: str, package: str, robot: str) -> SceneSetup:
     away = np.linalg.norm(model.light_pos - model.stat.center, axis=1)
     model.light_bulbradius[:] = BULB * away
     if name not in VIEWS:
-        return SceneSetup(name, model, CameraConfig(), soft=bool(model.nlight))
+        return SceneSetup(name, model, CameraConfig(), soft=bool(model.nlight), sky="light")
     x, y, z, distance = VIEWS[name]
     view = CameraConfig(lookat=(x, y, z), distance=distance, azimuth=90, elevation=-20)
-    return SceneSetup(name, model, view, soft=bool(model.nlight))
+    return SceneSetup(name, model, view, soft=bool(model.nlight), sky="light")
 
 
 def _has_bulb(model: MjModel) -> bool:
@@ -183,5 +185,6 @@ def procedural_setup(name: str, number: str) -> SceneSetup:
             stands=True,
             bounces=scene.bounces,
             flicker=scene.flicker,
+            sky="light",
         )
     raise EvsError(f"scene '{name}': none of {ATTEMPTS} attempts is of any use; take another")

@@ -93,6 +93,7 @@ class ClipRenderer:
             spp=render.samples,
             bounces=self.clip.bounces,
             flicker=self.clip.flicker,
+            sky=self.clip.sky,
             incremental=default.incremental,
             isa=default.isa,
         )

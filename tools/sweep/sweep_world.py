@@ -72,7 +72,9 @@ class SweepWorld(World):
         camera = self.add_camera(
             setup.camera or setup.view,
             sensor=config.sensor,
-            render=dataclasses.replace(config.render, bounces=setup.bounces, flicker=setup.flicker),
+            render=dataclasses.replace(
+                config.render, bounces=setup.bounces, flicker=setup.flicker, sky=setup.sky
+            ),
             model=config.model,
             name=config.name,
         )

@@ -96,5 +96,7 @@ def simulate_scene(scene: TrainingScene, ticks: int, tick_us: int, threads: int)
     for _ in range(ticks - 1):
         physics.advance()
         snapshots.append(poser.snapshot(physics.data, physics.t_us, tick_us))
-    render = RenderConfig(renderer="path", bounces=scene.bounces, flicker=scene.flicker)
+    render = RenderConfig(
+        renderer="path", bounces=scene.bounces, flicker=scene.flicker, sky="light"
+    )
     return TracedScene(extract_scene(model), bound.model, tuple(snapshots), render, threads)

@@ -50,6 +50,7 @@ class BasePipeline:
             keyframe=scene.keyframe,
             bounces=self.config.render.bounces,
             flicker=self.config.render.flicker,
+            sky=self.config.render.sky,
         )
 
 
