@@ -5,7 +5,7 @@ On the wire: `topic | msgpack header | raw frame`, see docs/reference/wire.md.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,27 @@ class Frame:
     """(h, w) uint8 or uint16, in proportion to the light; the largest number is white."""
     camera: str = "camera"
     """Name of the camera that saw it."""
+    left: int = 0
+    """Column of the sensor that its first column is: recordings may hold frames of a region."""
+    top: int = 0
+    """Row of the sensor that its first row is."""
+
+    @property
+    def is_region(self) -> bool:
+        """Whether it states that it begins elsewhere than in the sensor's corner."""
+        return bool(self.left or self.top)
+
+    def on_sensor(self, width: int, height: int) -> Frame:
+        """The frame in its place on a sensor of this size, px, black outside of its region."""
+        if not self.is_region:
+            return self
+        pixels = np.zeros((height, width), self.pixels.dtype)
+        first, last = max(0, self.top), min(height, self.top + self.height)
+        begin, end = max(0, self.left), min(width, self.left + self.width)
+        if first < last and begin < end:
+            seen = self.pixels[first - self.top : last - self.top]
+            pixels[first:last, begin:end] = seen[:, begin - self.left : end - self.left]
+        return replace(self, pixels=pixels, left=0, top=0)
 
     @property
     def height(self) -> int:
@@ -60,17 +81,20 @@ class Frame:
         return f"<Frame {self.seq} of '{self.camera}', {size}, {when}>"
 
     def __eq__(self, other: object) -> bool:
-        """Same stamps, same name, same pixels of the same type."""
+        """Same stamps, same name, same pixels of the same type in the same place."""
         if not isinstance(other, Frame):
             return NotImplemented
         mine, others = (
-            (one.seq, *(getattr(one, f"{key}_us") for key in _STAMPS), one.camera)
-            for one in (self, other)
+            (*(getattr(one, f"{key}_us") for key in _STAMPS), *_facts(one)) for one in (self, other)
         )
         same = self.pixels.dtype == other.pixels.dtype
         return mine == others and same and bool(np.array_equal(self.pixels, other.pixels))
 
     __hash__ = None  # type: ignore[assignment]
+
+
+def _facts(frame: Frame) -> tuple[int, str, int, int]:
+    return frame.seq, frame.camera, frame.left, frame.top
 
 
 def encode_frame(frame: Frame) -> tuple[bytes, memoryview]:

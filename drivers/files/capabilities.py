@@ -35,6 +35,8 @@ class Capabilities:
     """the first event must come earlier than this after the start of the stream"""
     frames: bool = False
     """intensity frames"""
+    regions: bool = False
+    """the place on the sensor of a frame that shows a region of it"""
     imu: bool = False
     """IMU samples"""
     triggers: bool = False

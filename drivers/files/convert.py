@@ -144,6 +144,8 @@ def convert(
             sink.open([stream])
             labels = file.labels if limits.labels else None
             for message in _with_labels(messages_of(file), labels):
+                if isinstance(message, Frame) and not limits.regions:
+                    message = message.on_sensor(stream.width, stream.height)
                 _write(sink, message, result)
                 if progress is not None:
                     progress(file.position / max(1, file.size))

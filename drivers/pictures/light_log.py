@@ -66,10 +66,11 @@ class LightLog:
 def recorded_light(frames: Sequence[Frame], width: int, height: int) -> LightLog | None:
     """The intensity frames of a recording, as light behind its events; None without any.
 
-    A frame is shown from the end of its exposure on. Frames of another size than the sensor's, (h,
-    w) px, are left out.
+    A frame is shown from the end of its exposure on, one of a region in its place. Other frames of
+    another size than the sensor's, (h, w) px, are left out.
     """
-    shown = [frame for frame in frames if (frame.width, frame.height) == (width, height)]
+    placed = (frame.on_sensor(width, height) for frame in frames)
+    shown = [frame for frame in placed if (frame.width, frame.height) == (width, height)]
     if not shown:
         return None
     log = LightLog(1, lambda world: world)

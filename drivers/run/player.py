@@ -92,6 +92,8 @@ class Player:
         while not self._rounds or self.played["rounds"] < self._rounds:
             begin_us, end_us = None, 0
             for message in self._part():
+                if isinstance(message, Frame):
+                    message = message.on_sensor(stream.width, stream.height)
                 if stopped or self._sinks.stop_wanted:
                     return
                 first_us, last_us = _interval(message)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import BinaryIO
 
 import numpy as np
@@ -85,7 +86,14 @@ def frames_in(
         else:
             file.seek(begin)
             data = file.read(size if packed < 0 else packed)
-            yield _frame(data, head, numbers[:4], (width, height), packed >= 0)
+            found = _frame(data, head, numbers[:4], (width, height), packed >= 0)
+            left, top = numbers[6:8]
+            if max(abs(left), abs(top)) >= MAX_SIDE_PX:
+                yield BadEventError(f"a frame begins at ({left}, {top}) px")
+            elif isinstance(found, Frame):
+                yield replace(found, left=left, top=top)
+            else:
+                yield found
         at += step
 
 

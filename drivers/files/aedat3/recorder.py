@@ -126,7 +126,7 @@ def frame_packet(frame: Frame) -> bytes:
     """One packet of one frame. Time stamps after a wrap of the clock are lower than its start."""
     stamps = frame.begin_us, frame.end_us, frame.exposure_begin_us, frame.exposure_end_us
     wrapped = (t_us & (SPAN_US - 1) for t_us in stamps)
-    head = FRAME_HEAD.pack(1 | 1 << 1, *wrapped, frame.width, frame.height, 0, 0)
+    head = FRAME_HEAD.pack(1 | 1 << 1, *wrapped, frame.width, frame.height, frame.left, frame.top)
     pixels = frame.pixels.astype("<u2")
     if frame.pixels.dtype == np.uint8:
         pixels = pixels * _TO_16_BITS

@@ -70,6 +70,9 @@ def frame_body(frame: Frame) -> bytes:
     builder.PrependUOffsetTRelativeSlot(_PIXELS, vector, 0)
     builder.PrependInt16Slot(_WIDTH, frame.width, 0)
     builder.PrependInt16Slot(_HEIGHT, frame.height, 0)
+    if frame.is_region:
+        builder.PrependInt16Slot(_LEFT, frame.left, 0)
+        builder.PrependInt16Slot(_TOP, frame.top, 0)
     builder.PrependInt8Slot(_FORMAT, number, 0)
     builder.PrependInt8Slot(_SOURCE, _SENSOR, 0)
     builder.FinishSizePrefixed(builder.EndObject(), file_identifier=b"FRME")
@@ -109,7 +112,8 @@ def parse_frame(body: bytes, seq: int, camera: str) -> Frame:
     if length != width * height * FORMATS[kind].itemsize:
         raise CorruptDataError(f"frame of {width} x {height} px has {length} bytes")
     pixels = np.frombuffer(body, FORMATS[kind], width * height, start).reshape(height, width)
-    return Frame(seq, begin, exposure_begin, exposure_end, end, pixels, camera)
+    left, top = number(_LEFT, "<h", 0), number(_TOP, "<h", 0)
+    return Frame(seq, begin, exposure_begin, exposure_end, end, pixels, camera, left, top)
 
 
 def imu_body(samples: ImuSamples) -> bytes:

@@ -6,6 +6,7 @@ import hashlib
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import pytest
 from evs.drivers import files
 from evs.drivers.files.aedat4 import Aedat4File, Aedat4Recorder
 from evs.drivers.files.npz import NpzRecorder
+from evs.drivers.pictures.light_log import recorded_light
 from evs.launch import main as program
 from evs.msgs import (
     DEGREE,
@@ -359,3 +361,34 @@ def test_evs_info_says_which_streams_a_file_has(
     said = capsys.readouterr().out
     assert "frames" not in said
     assert "imu" not in said
+
+
+@pytest.mark.parametrize("name", ["a.aedat4", "a.aedat3"])
+def test_a_frame_of_a_region_keeps_its_place(name: str, tmp_path: Path) -> None:
+    pixels = np.arange(1, 13, dtype=np.uint16).reshape(3, 4) * 257
+    region = Frame(0, 10, 20, 30, 40, pixels, "eye", left=5, top=7)
+    stream = StreamInfo(16, 12, camera="eye", frames=True)
+    sink = files.recorder_for(tmp_path / name)
+    sink.open([stream])
+    sink.write(EventPacket(0, 0, 1000, 16, 12, make_events([5, 6], [1, 2], [3, 4], [0, 1])))
+    sink.write_frame(region)
+    sink.close()
+    (found,) = files.read(tmp_path / name).frames
+    assert (found.left, found.top) == (5, 7)
+    assert np.array_equal(found.pixels, pixels)
+    whole = np.zeros((12, 16), np.uint16)
+    whole[7:10, 5:9] = pixels
+    for other, wanted in (("b.aedat4", pixels), ("b.aedat3", pixels), ("b.npz", whole)):
+        files.convert(tmp_path / name, tmp_path / other)
+        (copy,) = files.read(tmp_path / other).frames
+        assert np.array_equal(copy.pixels, wanted)
+        assert (copy.left, copy.top) == ((0, 0) if wanted is whole else (5, 7))
+    light = recorded_light([found], 16, 12)
+    assert light is not None
+    # in 8 bits, as it is drawn
+    assert light.pictures[0].shape == whole.shape
+    assert not light.pictures[0][whole == 0].any()
+    assert light.pictures[0][9, 8] > 0
+    # what lies outside of the sensor is cut off
+    cut = replace(region, left=-1, top=11).on_sensor(16, 12)
+    assert cut.pixels[11, :4].tolist() == [*pixels[0, 1:], 0]
