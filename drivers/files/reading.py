@@ -196,6 +196,10 @@ class LeftOutWarning(UserWarning):
     """A recording holds valid data that is not read, as frames in colour or another camera's."""
 
 
+class ReadAsWarning(UserWarning):
+    """A recording does not state its chip; the message says which one it is read as, and why."""
+
+
 def read(path: AnyPath, **options: Unpack[ReadOptions]) -> Recording:
     """Read all events of a recording.
 
@@ -334,6 +338,9 @@ def check_readable(file: RecordingFile, anything: bool) -> None:
 def _finish(file: RecordingFile, anything: bool, left_out: str = "") -> None:
     """Warn after a pass, and of what was left out with this in its name. EvsError: all damaged."""
     check_readable(file, anything)
+    if getattr(file, "guessed", False):
+        text = f"{file.path} is read as {getattr(file, 'read_as', '')}"
+        warnings.warn(text, ReadAsWarning, stacklevel=3)
     file.integrity.warn(file.path)
     _warn_left_out(file, left_out)
 

@@ -101,6 +101,8 @@ class EventOnlyFile(ABC):
     broken_pointer: bool = False
     read_as: str = ""
     """what was decided on what the file does not state: columns and unit; empty: nothing"""
+    guessed: bool = False
+    """whether `read_as` is so uncertain that reading warns of it"""
     unfinished: bool = False
     """its recorder was killed: evs reads it, other programs need `repair` first"""
 

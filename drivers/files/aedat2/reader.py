@@ -110,6 +110,7 @@ class Aedat2File(MultiStreamFile):
             with self.path.open("rb") as file:
                 words = (words["address"].astype(np.int64) for _, words in self._words(file))
                 known, self.read_as = found_chip(self.path, lines, words)
+                self.guessed = True
         elif given:
             self.read_as = f"{known.name}, as stated by the reader"
         assert known is not None

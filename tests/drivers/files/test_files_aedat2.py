@@ -13,6 +13,7 @@ import pytest
 
 from evs.drivers import files
 from evs.drivers.files.integrity import BackwardsWarning, DamagedPacketWarning, TornTailWarning
+from evs.drivers.files.reading import ReadAsWarning
 from evs.launch.main import main
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
 
@@ -289,7 +290,8 @@ def test_the_chip_is_found_by_evidence_or_the_file_is_refused(
         with pytest.raises(EvsError, match=r"--chip"):
             files.read(path)
         return
-    assert files.read(path).tobytes() == events.tobytes()
+    with pytest.warns(ReadAsWarning, match=f"is read as {chip}, since "):
+        assert files.read(path).tobytes() == events.tobytes()
     assert files.summary(path).read_as.startswith(f"{chip}, since ")
 
 
