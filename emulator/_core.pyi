@@ -142,7 +142,7 @@ class CameraBatch:
 class Optics:
     """A camera's pixels and rays."""
 
-    def __init__(self, *, width: int, height: int, fx: float, fy: float, cx: float, cy: float, orthographic: bool = False, lens: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)] | None = None, share: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None) -> None:
+    def __init__(self, *, width: int, height: int, fx: float, fy: float, cx: float, cy: float, orthographic: bool = False, lens: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)] | None = None, share: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, near: float = 0.0, near_sphere: bool = False) -> None:
         """
         Args:
             width, height: The image's size, px.
@@ -153,6 +153,8 @@ class Optics:
                 camera frame; None for a pinhole.
             share: (height, width) float32, the vignetting: the share of the light that
                 reaches a pixel; None for all of it.
+            near: The depth of the near plane, m; nothing nearer is seen.
+            near_sphere: Whether it is a sphere with that radius instead.
         """
 
 class Tracing:

@@ -307,6 +307,9 @@ class CameraModel:
     cx: float
     cy: float
     orthographic: bool = False
+    near_m: float = 0.0
+    """depth of the near plane, m: nothing nearer is seen. Of a fisheye (equidistant), which sees
+    behind itself, it is the radius of a sphere"""
     distortion_model: str = "none"
     """none | plumb_bob | rational_polynomial | equidistant, as in ROS's CameraInfo"""
     distortion: tuple[float, ...] = ()

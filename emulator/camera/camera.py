@@ -21,6 +21,7 @@ from evs.emulator.camera.camera_plan import (
     identity_of,
     plain_plan,
 )
+from evs.emulator.camera.cover import covered_by
 from evs.emulator.camera.pixels import DoneTick, LentPixels, Pixels
 from evs.emulator.camera.scene_plan import ScenePlan, is_unlit, plan_scene
 from evs.emulator.config import SceneConfig, SensorConfig
@@ -92,6 +93,8 @@ class Camera:
     how many meshes and textures: scenes, meshes, textures"""
     left_out: tuple[str, ...]
     """one line for each thing that its ticks do not show, with the fix; issued as warnings too"""
+    covered: str = ""
+    """what fills the picture at the start, in one line with the fix; issued as a warning too"""
 
     def __init__(
         self,
@@ -131,6 +134,8 @@ class Camera:
         self._size = (int(sensor.width), int(sensor.height))
         self._tick_us, self._world = tick_us, world
         self.left_out = ()
+        # cameras of twins see the same
+        self._checked_cover = like is not None
         shared = like._renderer if like else None
         self._stand(plan.stand(world, scene, *self._size, like=shared))
         self.rebuilt = dict.fromkeys(("scenes", "meshes", "textures"), 0)
@@ -475,6 +480,10 @@ class Camera:
         # the first tick has no events, so it may begin anywhere before its end
         self._see(self.light(snapshot), snapshot.t_us - (self._info.tick_us if ticks else 1))
         self._pixels.finish()
+        if not self._checked_cover:
+            self._checked_cover = True
+            self.covered = covered_by(self._world, self._viewpoint, self.ground_truth(), self.name)
+            warn_left_out([self.covered] if self.covered else [])
 
     def _warm_up(self, snapshot: SceneSnapshot, ticks: int) -> None:
         tick_us = self._info.tick_us

@@ -121,6 +121,9 @@ class CameraConfig:
     """fx, fy in px, instead of fovy"""
     principal_px: tuple[float, float] | None = None
     """cx, cy in px; None: the centre"""
+    near_m: float | None = None
+    """depth of the near plane, m: nothing nearer is seen; None: as in MuJoCo, visual/map znear
+    times statistic/extent; 0: none"""
     distortion_model: str = "none"
     """none | plumb_bob | rational_polynomial | equidistant (fisheye), as in ROS's CameraInfo"""
     distortion: tuple[float, ...] = ()

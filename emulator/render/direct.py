@@ -115,6 +115,8 @@ class DirectRenderer(InstantLight):
                 orthographic=camera.orthographic,
                 lens=bent if self._own["lens"] else None,
                 share=share if self._own["vignetting"] else None,
+                near=camera.near_m,
+                near_sphere=camera.distortion_model == "equidistant",
             ),
             _core.Tracing(
                 samples=config.samples,

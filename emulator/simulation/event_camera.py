@@ -11,7 +11,14 @@ import numpy as np
 from evs.emulator.base.scene import F32, GroundTruth
 from evs.emulator.camera.camera import Camera
 from evs.emulator.camera.camera_plan import plan_camera
-from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig, VisualConfig
+from evs.emulator.config import (
+    CameraConfig,
+    ModelConfig,
+    RenderConfig,
+    SceneConfig,
+    SensorConfig,
+    VisualConfig,
+)
 from evs.emulator.config.plain_values import plain_integer
 from evs.emulator.simulation.snapshot_history import SnapshotHistory
 from evs.emulator.state import (
@@ -118,7 +125,10 @@ class EventCamera:
         tick_us = max(1, round(model.opt.timestep * 1e6))
         self._visual = resolve_visual(visual)
         self._scene, self._digest = LiveScene(model, self._visual), ModelDigest(model)
-        self._camera = Camera(model, self._scene.scene, plan, tick_us=tick_us)
+        settings = SceneConfig(tick_us=tick_us, visual=self._visual)
+        self._camera = Camera(
+            model, self._scene.scene, plan, tick_us=tick_us, scene_config=settings
+        )
         self._tick_us = tick_us
         self._t_us: int | None = None
         self._taker = SnapshotTaker(model, [self._camera.bound], self._visual)

@@ -15,6 +15,7 @@ from evs.emulator.config import CameraConfig
 from evs.emulator.optics import check_distortion, check_vignetting
 from evs.emulator.world.compat import is_orthographic
 from evs.emulator.world.controls import home_keyframe
+from evs.emulator.world.materials import clamped
 from evs.emulator.world.model import find, name_of, new_data
 from evs.emulator.world.physics import moving_bodies, update_poses
 from evs.emulator.world.trajectories import Shaking, Trajectory, read_trajectory
@@ -28,6 +29,9 @@ UNSET = CameraConfig()
 
 MARGIN = 1.2
 """of a free camera's distance over the nearest that shows the robot whole: limbs stretch"""
+
+FARTHEST_M = 1e12
+"""of a near plane"""
 
 SHORTEST_M = 1e-6
 """a box without extent is looked at from here"""
@@ -293,7 +297,7 @@ def _free_optics(
     """Optics of a camera that the model does not have: MuJoCo's free camera's, or the config's."""
     view = model.vis.global_
     fovy = float(view.fovy)
-    return _with_lens(_optics(width, height, fovy, bool(view.orthographic), config), config)
+    return _with_lens(model, _optics(width, height, fovy, bool(view.orthographic), config), config)
 
 
 def _model_optics(
@@ -304,7 +308,7 @@ def _model_optics(
     size_x, size_y = (float(length) for length in model.cam_sensorsize[camera])
     if orthographic or not size_y or config.fovy is not None or config.focal_px is not None:
         fovy = float(model.cam_fovy[camera])
-        return _with_lens(_optics(width, height, fovy, orthographic, config), config)
+        return _with_lens(model, _optics(width, height, fovy, orthographic, config), config)
 
     numbers = (size_x, size_y, *(float(v) for v in model.cam_intrinsic[camera]))
     if not (all(v > 0.0 for v in numbers[:4]) and math.isfinite(sum(numbers))):
@@ -318,13 +322,24 @@ def _model_optics(
     cx, cy = width / 2 - principal_x / size_x * width, height / 2 - principal_y / size_y * height
     cx, cy = config.principal_px or (cx, cy)
     fx, fy = focal_x / size_x * width, focal_y / size_y * height
-    return _with_lens(CameraModel(width, height, fx, fy, cx, cy), config)
+    return _with_lens(model, CameraModel(width, height, fx, fy, cx, cy), config)
 
 
-def _with_lens(camera: CameraModel, config: CameraConfig) -> CameraModel:
-    """The camera with the lens that `config` describes."""
+def _near_m(model: mujoco.MjModel, config: CameraConfig) -> float:
+    """Where rays begin: MuJoCo's near plane, unless the configuration has another."""
+    if config.near_m is not None:
+        if not 0.0 <= config.near_m <= FARTHEST_M:
+            raise EvsError(f"camera.near_m is {config.near_m:g}; give 0 m or more")
+        return config.near_m
+    near_m = float(model.vis.map.znear) * float(model.stat.extent)
+    return clamped(near_m, 0.0, FARTHEST_M, "visual/map znear times statistic/extent")
+
+
+def _with_lens(model: mujoco.MjModel, camera: CameraModel, config: CameraConfig) -> CameraModel:
+    """The camera with the lens and the near plane that `config` describes."""
     camera = replace(
         camera,
+        near_m=_near_m(model, config),
         distortion_model=config.distortion_model,
         distortion=config.distortion,
         vignetting=config.vignetting,

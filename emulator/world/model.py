@@ -206,6 +206,13 @@ def name_of(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
     return str(mujoco.mj_id2name(model, kind, index) or index)
 
 
+def geom_label(model: mujoco.MjModel, geom: int) -> str:
+    """A geom's name, else its number and its body's name."""
+    name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
+    body = name_of(model, mujoco.mjtObj.mjOBJ_BODY, int(model.geom_bodyid[geom]))
+    return str(name or f"{geom} of body {body}")
+
+
 def names_of(model: mujoco.MjModel, kind: mujoco.mjtObj) -> list[str]:
     """The names of all objects of a kind, in the order of their ids."""
     return [name_of(model, kind, index) for index in range(getattr(model, COUNTS[kind]))]

@@ -53,7 +53,7 @@ OPTICS = (
 
 NUMBERS: Mapping[str, tuple[str, ...]] = {
     "vis.headlight": ("active",),
-    "vis.map": ("fogstart", "fogend", "haze", "zfar"),
+    "vis.map": ("fogstart", "fogend", "haze", "znear", "zfar"),
     "vis.global_": ("fovy", "orthographic", "azimuth", "elevation"),
     "vis.quality": ("numslices",),
     "vis.scale": ("slidercrank",),

@@ -29,13 +29,16 @@ using Rgb = std::array<float, 3>;
 
 Optics* make_optics(int width, int height, double fx, double fy, double cx, double cy,
                     bool orthographic, std::optional<In<float, N, N, 3>> lens,
-                    std::optional<In<float, N, N>> share) {
+                    std::optional<In<float, N, N>> share, double near, bool near_sphere) {
+  require(near >= 0 && std::isfinite(near), "a near plane lies before the camera");
   require(width > 0 && height > 0, "an image has pixels");
   require(fx > 0 && fy > 0 && std::isfinite(fx) && std::isfinite(fy) && std::isfinite(cx) &&
               std::isfinite(cy),
           "focal lengths are positive and finite");
   size_t w = static_cast<size_t>(width), h = static_cast<size_t>(height);
   Optics optics = {width, height, fx, fy, cx, cy, orthographic};
+  optics.near = near;
+  optics.near_sphere = near_sphere;
   if (lens) {
     require(lens->shape(0) == h + 1 && lens->shape(1) == w + 1,
             "the lens is (height + 1, width + 1, 3)");
@@ -360,7 +363,8 @@ void bind_caster(nb::module_& m) {
       .def(nb::new_(&make_optics), nb::kw_only(), nb::arg("width"), nb::arg("height"),
            nb::arg("fx"), nb::arg("fy"), nb::arg("cx"), nb::arg("cy"),
            nb::arg("orthographic") = false, nb::arg("lens").none() = nb::none(),
-           nb::arg("share").none() = nb::none(),
+           nb::arg("share").none() = nb::none(), nb::arg("near") = 0.0,
+           nb::arg("near_sphere") = false,
            "Args:\n"
            "    width, height: The image's size, px.\n"
            "    fx, fy: The focal lengths, px; px/m if orthographic.\n"
@@ -369,7 +373,9 @@ void bind_caster(nb::module_& m) {
            "    lens: (height + 1, width + 1, 3) float32, the ray at each pixel corner,\n"
            "        camera frame; None for a pinhole.\n"
            "    share: (height, width) float32, the vignetting: the share of the light that\n"
-           "        reaches a pixel; None for all of it.");
+           "        reaches a pixel; None for all of it.\n"
+           "    near: The depth of the near plane, m; nothing nearer is seen.\n"
+           "    near_sphere: Whether it is a sphere with that radius instead.");
 
   nb::class_<Tracing>(m, "Tracing", "How light is computed, and what is output.")
       .def(nb::new_(&make_tracing), nb::kw_only(), nb::arg("samples") = 1,

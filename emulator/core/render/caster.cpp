@@ -77,6 +77,7 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
     geoms_[k].shape = scene.geom_type[g];
     geoms_[k].mesh = scene.geom_mesh[g];
     geoms_[k].surface = scene.geom_surface[g];
+    geoms_[k].rank = g;
     for (int a = 0; a < 3; a++) geoms_[k].size[a] = scene.geom_size[3 * g + a];
   }
   // reserve here what a tick needs: it allocates nothing

@@ -129,6 +129,8 @@ void set_optics(const Optics& optics, int samples, Sampling& sampling, Frame& fr
   f.cx = static_cast<float>(optics.cx);
   f.cy = static_cast<float>(optics.cy);
   f.orthographic = optics.orthographic;
+  f.near = static_cast<float>(optics.near);
+  f.near_sphere = optics.near_sphere;
   sampling.lens = optics.lens;
   sampling.share = optics.share;
   f.lens = sampling.lens.empty() ? nullptr : sampling.lens.data();

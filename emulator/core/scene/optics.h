@@ -13,6 +13,8 @@ struct Optics {
   double fx, fy, cx, cy;  // px; orthographic: fx and fy in px/m
   bool orthographic = false;
   std::vector<float> lens = {}, share = {};  // as in Frame, share as its vignette; empty: none
+  double near = 0;                           // as in Frame
+  bool near_sphere = false;
 };
 
 struct Sampling {

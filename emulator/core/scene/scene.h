@@ -104,6 +104,7 @@ struct alignas(64) Geom {
   int shape;
   int mesh;
   int surface;
+  int rank;  // its place in the scene: of surfaces that coincide, the last is seen
 };
 
 struct Light {
@@ -208,6 +209,8 @@ struct Frame {
   float fx, fy, cx, cy;
   bool orthographic;
   const float* lens;      // (height + 1, width + 1, 3) ray at each pixel corner; null: a pinhole
+  float near;             // camera rays begin on the plane of this depth, m; 0: at the camera
+  bool near_sphere;       // ... on the sphere of this radius, for a lens that sees behind itself
   const float* vignette;  // (height, width) factor of a pixel's light; null: all 1
   float pixel_angle;      // footprint of a sample at the image's centre: rad, or m (orthographic)
   int samples;

@@ -32,6 +32,9 @@ class Canvas:
         # FAULT: four lights of a kind, all inverse-square, and textures decoded after filtering
         renderer._get_primitive_program = lambda *_: self._program
         renderer._bind_lighting = lambda _scene, _program, node, _flags: self._bind(node)
+        # FAULT: opaque meshes are drawn by distance, and the first of those that coincide is seen
+        nearest_last = renderer._sorted_mesh_nodes
+        renderer._sorted_mesh_nodes = lambda scene: self._in_order(nearest_last(scene))
         self.context = Context(library)
         try:
             with self.context:
@@ -133,11 +136,18 @@ class Canvas:
 
     def _bind(self, node: Any) -> None:
         gl, (material, texture) = self.gl, self._materials[node]
+        gl.glDepthFunc(gl.GL_LEQUAL)
         if texture:
             unit = material["texture_kind"]
             gl.glActiveTexture(gl.GL_TEXTURE0 + unit)
             gl.glBindTexture(gl.GL_TEXTURE_CUBE_MAP if unit == CUBE else gl.GL_TEXTURE_2D, texture)
         self.set_uniforms(material)
+
+    def _in_order(self, nodes: list[Any]) -> list[Any]:
+        """Opaque meshes as they were painted, then the others as they come."""
+        ranks = {node: rank for rank, node in enumerate(self._materials)}
+        blended = [node for node in nodes if self._materials[node][0]["alpha"] < 1]
+        return sorted(set(nodes).difference(blended), key=ranks.__getitem__) + blended
 
     def deform(self, node: Any, positions: F32, normals: F32) -> None:
         """Move a node's corners: (n, 3) each."""

@@ -136,10 +136,16 @@ def pose_matrix(turn: F64, position: F64) -> F64:
 
 
 def orthographic_matrix(camera: CameraModel, extent_m: float) -> F64:
-    """(4, 4) from the camera's frame to OpenGL's cube; depth 0 is the camera."""
-    far = FAR_FLAT * extent_m
-    out = np.diag([2 * camera.fx / camera.width, 2 * camera.fy / camera.height, -2 / far, 1.0])
-    out[:3, 3] = 2 * camera.cx / camera.width - 1, 1 - 2 * camera.cy / camera.height, -1
+    """(4, 4) from the camera's frame to OpenGL's cube, which begins at the near plane."""
+    near, far = camera.near_m, FAR_FLAT * extent_m
+    out = np.diag(
+        [2 * camera.fx / camera.width, 2 * camera.fy / camera.height, -2 / (far - near), 1.0]
+    )
+    out[:3, 3] = (
+        2 * camera.cx / camera.width - 1,
+        1 - 2 * camera.cy / camera.height,
+        -(far + near) / (far - near),
+    )
     return out
 
 

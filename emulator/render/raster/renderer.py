@@ -47,7 +47,8 @@ class RasterRenderer(InstantLight):
     inside of a surface is shaded once a pixel. `shadows`, `incremental` and `isa` change nothing,
     and neither does the number of threads; the last bits are the driver's own. Transparent geoms
     are blended far to near by their centres. An infinite plane reaches 1000 extents of the scene
-    from its own centre; nothing is seen nearer to the camera than 0.002 of them.
+    from its own centre; nothing is seen nearer to the camera
+    than its near plane, or than 0.002 of them.
 
     FAULT: pyrender's shadow maps raise GLError 1282 on EGL, hence no shadows.
     """
@@ -202,6 +203,11 @@ class RasterRenderer(InstantLight):
             lens.get_projection_matrix = lambda **_: matrix
         else:
             lens = pyrender.IntrinsicsCamera(
-                camera.fx, camera.fy, camera.cx, camera.cy, NEAR * extent_m, FAR * extent_m
+                camera.fx,
+                camera.fy,
+                camera.cx,
+                camera.cy,
+                max(camera.near_m, NEAR * extent_m),
+                FAR * extent_m,
             )
         return stage, nodes[: len(scene.geom_type)], stage.add(lens), triangles

@@ -51,6 +51,12 @@ EVS_INLINE Rays rays_through(const Frame& f, Float px, Float py) {
   return {{zero, zero, zero}, normalize({x, y, back}), true, true};
 }
 
+// Where the rays of the camera begin: a near plane clips what is nearer, as in MuJoCo's pictures.
+EVS_INLINE Float near_distance(const Frame& f, Vec direction) {
+  if (f.near_sphere || f.near <= 0) return splat(f.near);
+  return splat(f.near) / max(-direction.z, splat(1e-6f));
+}
+
 // Return the sample positions of pixels, rounded exactly as `primary_rays` rounds them.
 EVS_INLINE Float pixel_point(const int* pixel, float sub, int packet) {
   alignas(64) float point[LANES];

@@ -26,39 +26,91 @@ EVS_INLINE bool any_ray_near(const Frame& f, int index, const Rays& rays, Mask a
   return any(active & (along >= -reach) & (dot(across, across) <= reach * reach));
 }
 
+// What rays have passed through: the last hits, whose distance is `t_min`, and their geoms' ranks.
+struct Passed {
+  Float t_min;
+  Int rank;  // below 0: none
+};
+
+// Rays that begin at `t_min`, and have passed through nothing.
+EVS_INLINE Passed from(Float t_min) { return {t_min, splat(-1)}; }
+
+EVS_INLINE Int rank_of(const Frame& f, Int geom) {
+  constexpr int STRIDE = sizeof(Geom) / sizeof(int);
+  const float* first = reinterpret_cast<const float*>(&f.geoms->rank);
+  return as_int(gather(first, select(geom < splat(0), splat(0), geom) * splat(STRIDE)));
+}
+
+// Rays that have passed through the hits of `lit`.
+EVS_INLINE Passed through(const Frame& f, const Hit& hit, Mask lit) {
+  return {hit.distance, any(lit) ? select(lit, rank_of(f, hit.geom), splat(-1)) : splat(-1)};
+}
+
+// Where hits of geom `g` count. Of surfaces that coincide with the last hit, those that come before
+// it in the scene lie behind it.
+EVS_INLINE Float begin_of(const Geom& g, const Passed& passed, bool layered) {
+  if (!layered) return passed.t_min;
+  Mask behind = splat(g.rank) < passed.rank;
+  return select(passed.rank < splat(0), passed.t_min,
+                passed.t_min * select(behind, splat(1.0f - COINCIDENT), splat(1.0f + COINCIDENT)));
+}
+
+// The lanes of `near`, whose distance is less than that of `hit` or coincides with it, that see
+// geom `g`: MuJoCo's depth test lets the last of the geoms win.
+EVS_INLINE Mask wins(const Frame& f, const Geom& g, Float t, const Hit& hit, Mask near) {
+  Mask tie = near & ~(t < hit.distance * (1.0f - COINCIDENT));
+  if (!any(tie)) return near;
+  return near & ~(tie & ~(rank_of(f, hit.geom) < splat(g.rank)));
+}
+
 // Keep the hits of geom `index` that are nearer.
-EVS_INLINE void intersect_geom(const Frame& f, int index, const Rays& rays, Float t_min, Hit& hit) {
+EVS_INLINE void intersect_geom(const Frame& f, int index, const Rays& rays, const Passed& passed,
+                               bool layered, Hit& hit) {
   // transform the rays to the geom's frame
   const Geom& g = f.geoms[index];
   Vec o = local_origin(g, rays), d = to_local(g.rotation, rays.direction);
+  Float t_min = begin_of(g, passed, layered), t;
+  Float t_max = hit.distance * (1.0f + COINCIDENT);
+  Mask near;
   if (g.shape == MESH || g.shape == HFIELD) {
-    Mask nearer = intersect_mesh(f.meshes[g.mesh], mesh_rays(f.meshes[g.mesh], o, d), t_min,
-                                 hit.distance, hit.triangle, hit.u, hit.v);
-    hit.geom = select(nearer, splat(index), hit.geom);
-    return;
+    Hit found = hit;
+    found.distance = t_max;
+    near = intersect_mesh(f.meshes[g.mesh], mesh_rays(f.meshes[g.mesh], o, d), t_min,
+                          found.distance, found.triangle, found.u, found.v);
+    if (!any(near)) return;
+    t = found.distance;
+    near = wins(f, g, t, hit, near);
+    hit.triangle = select(near, found.triangle, hit.triangle);
+    hit.u = select(near, found.u, hit.u);
+    hit.v = select(near, found.v, hit.v);
+  } else {
+    t = intersect_shape(g, o, d);
+    near = (t < min(t_max, splat(T_INFINITY))) & (t > t_min);
+    if (!any(near)) return;
+    near = wins(f, g, t, hit, near);
   }
-  Float t = intersect_shape(g, o, d);
-  Mask nearer = (t < hit.distance) & (t > t_min);
-  hit.distance = select(nearer, t, hit.distance);
-  hit.geom = select(nearer, splat(index), hit.geom);
+  // the nearer of two that coincide is outside of both
+  hit.distance = select(near, min(t, hit.distance), hit.distance);
+  hit.geom = select(near, splat(index), hit.geom);
 }
 
 // The rest of `intersect` in a scene of many geoms.
 [[gnu::noinline]] EVS_OUTLINE void intersect_many(const Frame& f, const Rays& rays,
-                                                  const RayCone& cone, Mask active, Float t_min,
-                                                  Hit& hit) {
+                                                  const RayCone& cone, Mask active,
+                                                  const Passed& passed, bool layered, Hit& hit) {
   GeomSet found;
   find_candidates(f.bvh, rays, cone, active, splat(T_INFINITY), found);
   found.visit([&](int index) {
-    intersect_geom(f, index, rays, t_min, hit);
+    intersect_geom(f, index, rays, passed, layered, hit);
     return false;
   });
 }
 
-// Find the nearest hit of the rays of `active` behind `t_min`. Geoms are intersected in ascending
-// order, so the first of several hits at one distance is found.
+// Find the nearest hit of the rays of `active` behind what they have passed; of hits that coincide,
+// that of the last geom of the scene. Geoms are intersected in ascending order, whatever culls
+// them. `layered`: some rays have passed through something.
 EVS_OUTLINE_IN_PATHS inline Hit intersect(const Frame& f, const Rays& rays, const RayCone& cone,
-                                          Mask active, Float t_min) {
+                                          Mask active, const Passed& passed, bool layered = false) {
   Hit hit = {select(active, splat(T_INFINITY), splat(-1.0f)), splat(-1), splat(0), splat(0.0f),
              splat(0.0f)};
   bool wide = is_wide(cone);
@@ -66,11 +118,11 @@ EVS_OUTLINE_IN_PATHS inline Hit intersect(const Frame& f, const Rays& rays, cons
     for (unsigned near = candidates(f, k, end, cone); near; near &= near - 1) {
       int index = k + first_lane(near);
       if (wide && !any_ray_near(f, index, rays, active)) continue;
-      intersect_geom(f, index, rays, t_min, hit);
+      intersect_geom(f, index, rays, passed, layered, hit);
     }
   }
   if (f.bvh.top > 0 && cone_may_touch(f.finite_bounds, cone)) {
-    intersect_many(f, rays, cone, active, t_min, hit);
+    intersect_many(f, rays, cone, active, passed, layered, hit);
   }
   return hit;
 }

@@ -22,5 +22,9 @@ struct Hit {
 
 constexpr float T_INFINITY = 1e30f;
 
+// Hits whose distances differ by less, as a share of them, coincide. It is ten times the rounding
+// that was measured between boxes, meshes, planes, lids and height fields from 0.6 to 50 m.
+constexpr float COINCIDENT = 4e-6f;
+
 }  // namespace
 }  // namespace evs::EVS_NAMESPACE

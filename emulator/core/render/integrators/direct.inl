@@ -196,10 +196,12 @@ template <int CHANNELS, bool FOLLOW, class Shading>
 void radiance(const Shading& shading, const Frame& f, const Rays& rays, const RayCone& cone,
               Mask active, Float path_length, RayRecorder* recorder, Float* out) {
   for (int c = 0; c < CHANNELS; c++) out[c] = splat(0.0f);
-  Float transmittance = splat(1.0f), t_min = splat(0.0f), haze_alpha = t_min, haze_distance = t_min;
+  Float transmittance = splat(1.0f), haze_alpha = splat(0.0f), haze_distance = haze_alpha;
+  // only rays of the camera begin at its near plane
+  Passed passed = from(FOLLOW ? near_distance(f, rays.direction) : splat(0.0f));
   for (int layer = 0; layer < MAX_LAYERS; layer++) {
     // intersect the next layer
-    Hit hit = intersect(f, rays, cone, active, t_min);
+    Hit hit = intersect(f, rays, cone, active, passed, layer > 0);
     Mask lit = active & ~(hit.geom < splat(0));
     if (FOLLOW && f.medium.haze) lit = lit & ~behind_haze(f, rays.direction, hit);
     Mask missed = active & ~lit;
@@ -254,7 +256,7 @@ void radiance(const Shading& shading, const Frame& f, const Rays& rays, const Ra
     active = lit & (interaction.alpha < 1.0f);
     if (!any(active)) break;
     transmittance = transmittance * (1.0f - interaction.alpha);
-    t_min = hit.distance;
+    passed = through(f, hit, active);
   }
 }
 

@@ -70,7 +70,8 @@ inline void trace_truth(const Frame& f, int column, int row, const Truth& out) {
   // intersect the ray through each pixel's centre
   const RayCone& cone = f.primary[row * f.packet_columns + column];
   Rays rays = primary_rays(f, column, row, 0.5f, 0.5f);
-  Hit hit = intersect(f, rays, cone, mask_from_bits(ALL_LANES), splat(0.0f));
+  Hit hit =
+      intersect(f, rays, cone, mask_from_bits(ALL_LANES), from(near_distance(f, rays.direction)));
   // write the pixels that lie in the image
   int x = column * PACKET_WIDTH, y = row * PACKET_HEIGHT;
   int columns = f.width - x < PACKET_WIDTH ? f.width - x : PACKET_WIDTH;

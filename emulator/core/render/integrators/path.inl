@@ -54,12 +54,13 @@ EVS_INLINE Mask on_transparent(const Frame& f, const Hit& hit, Mask lit) {
 }
 
 // Multiply the transparency of the layers that rays meet before `t_max`, from front to back. In:
-// next(lanes, t_min) returns the nearest hits behind t_min.
+// next(lanes, passed, layered) returns the nearest hits behind what is passed.
 template <class Next>
 Float through_layers(const Frame& f, const Rays& rays, Float t_max, Mask active, const Next& next) {
-  Float zero = splat(0.0f), transmitted = select(active, splat(1.0f), zero), t_min = zero;
+  Float zero = splat(0.0f), transmitted = select(active, splat(1.0f), zero);
+  Passed passed = from(zero);
   for (int layer = 0; layer < MAX_LAYERS && any(active); layer++) {
-    Hit hit = next(active, t_min);
+    Hit hit = next(active, passed, layer > 0);
     active = active & (hit.distance < t_max) & ~(hit.geom < splat(0));
     Mask passing = on_transparent(f, hit, active);
     transmitted = select(active & ~passing, zero, transmitted);
@@ -68,7 +69,7 @@ Float through_layers(const Frame& f, const Rays& rays, Float t_max, Mask active,
     SurfaceInteraction<3> interaction = surface_interaction<3>(f, rays, hit, to_bits(active), zero);
     transmitted = select(active, transmitted * max(1.0f - interaction.alpha, zero), transmitted);
     active = active & (transmitted > 0.0f);
-    t_min = hit.distance;
+    passed = through(f, hit, active);
   }
   return select(active, zero, transmitted);  // more layers than are followed: opaque
 }
@@ -76,7 +77,7 @@ Float through_layers(const Frame& f, const Rays& rays, Float t_max, Mask active,
 // The same through transparent geoms alone. `self` as of `occluded`.
 inline Float through_geoms(const Frame& f, const PathFrame& p, const Rays& rays, Float t_max,
                            Int self, Mask active) {
-  return through_layers(f, rays, t_max, active, [&](Mask left, Float t_min) {
+  return through_layers(f, rays, t_max, active, [&](Mask left, const Passed& passed, bool layered) {
     Hit hit = {select(left, splat(T_INFINITY), splat(-1.0f)), splat(-1), splat(0), splat(0.0f),
                splat(0.0f)};
     for (int i = 0; i < p.transparent_count; i++) {
@@ -85,7 +86,7 @@ inline Float through_geoms(const Frame& f, const PathFrame& p, const Rays& rays,
       if (!any(tested) || !any_ray_near(f, index, rays, tested)) continue;
       Float distance = hit.distance;
       hit.distance = select(tested, distance, splat(-1.0f));
-      intersect_geom(f, index, rays, t_min, hit);
+      intersect_geom(f, index, rays, passed, layered, hit);
       hit.distance = select(tested, hit.distance, distance);
     }
     return hit;
@@ -111,9 +112,10 @@ inline Float transmittance(const Frame& f, const PathFrame& p, Vec origin, Vec w
   }
   Rays rays = {origin, wi, false};
   if (!p.transparent_geoms) {
-    return through_layers(f, rays, t_max, active, [&](Mask left, Float t_min) {
-      return intersect(f, rays, cone, left, t_min);
-    });
+    return through_layers(f, rays, t_max, active,
+                          [&](Mask left, const Passed& passed, bool layered) {
+                            return intersect(f, rays, cone, left, passed, layered);
+                          });
   }
   Mask blocked = occluded<true>(f, origin, wi, t_max, self, cone, active, non_occluders);
   return through_geoms(f, p, rays, t_max, self, active & ~blocked);
@@ -222,7 +224,8 @@ inline Mask intersect_paths(const Frame& f, const PathFrame& p, int bounce, Path
     }
     if (!p.emissive) return mask_from_bits(0);
   }
-  Hit hit = intersect(f, rays, cone, active, zero);
+  Hit hit =
+      intersect(f, rays, cone, active, from(bounce == 0 ? near_distance(f, rays.direction) : zero));
   Mask lit = active & ~(hit.geom < splat(0));
   if (p.transparent) {
     // pass through transparent surfaces at random
@@ -235,7 +238,7 @@ inline Mask intersect_paths(const Frame& f, const PathFrame& p, int bounce, Path
                           .x;
       transmitted = transmitted & lit & ~(u_alpha < interaction.alpha);
       if (!any(transmitted)) break;
-      Hit next = intersect(f, rays, cone, transmitted, hit.distance);
+      Hit next = intersect(f, rays, cone, transmitted, through(f, hit, transmitted), true);
       Mask found = transmitted & ~(next.geom < splat(0));
       lit = (lit & ~transmitted) | found;
       hit = {select(transmitted, next.distance, hit.distance),

@@ -70,7 +70,8 @@ inline void trace_truth_pixel(const Frame& f, int x, int y, const Truth& out) {
   Rays rays = pixel_ray(f, x, y, 0.5f, 0.5f);
   Mask all = mask_from_bits(ALL_LANES);
   RayCone cone = ray_cone(rays.origin, rays.direction, all, T_INFINITY);
-  write_truth(f, rays, intersect(f, rays, cone, all, splat(0.0f)), x, y, 1, 1, out);
+  write_truth(f, rays, intersect(f, rays, cone, all, from(near_distance(f, rays.direction))), x, y,
+              1, 1, out);
 }
 
 }  // namespace

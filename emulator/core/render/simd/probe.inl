@@ -68,7 +68,7 @@ void probe_light_pdf(const Frame& f, const PathFrame& p, const float* point, Pro
   Mask all = mask_from_bits(0xffff);
   Vec w = {load(out.direction[0]), load(out.direction[1]), load(out.direction[2])};
   Rays rays = {splat(V3{point[0], point[1], point[2]}), w, false};
-  Hit hit = intersect(f, rays, ray_cone(rays.origin, w, all, T_INFINITY), all, splat(0.0f));
+  Hit hit = intersect(f, rays, ray_cone(rays.origin, w, all, T_INFINITY), all, from(splat(0.0f)));
   Mask met = ~(hit.geom < splat(0));
   Float pdf = environment_pdf(p, environment_point(f, w));
   if (any(met)) {

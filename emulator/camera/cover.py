@@ -1,0 +1,37 @@
+"""A camera whose picture one near geom fills: it stands behind its own housing, or inside it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evs.emulator.base.scene import GroundTruth
+from evs.emulator.camera.camera_plan import Viewpoint
+from evs.emulator.world import MjModel, geom_label
+
+NEAR_M, NEAR_EXTENTS = 0.05, 0.05
+"""how far away a cover may be, m, and as a share of the model's extent"""
+
+
+def covered_by(world: MjModel, viewpoint: Viewpoint, truth: GroundTruth, name: str) -> str:
+    """One line that names the geom that fills the whole picture from a few cm away, and the fix.
+
+    Args:
+        world: The model.
+        viewpoint: The camera's.
+        truth: What it sees.
+        name: Of the camera.
+
+    Returns:
+        "" where there is none.
+    """
+    geom, limit_m = int(truth.geom_id.flat[0]), min(NEAR_M, NEAR_EXTENTS * viewpoint.scene.extent_m)
+    farthest_m = float(np.max(truth.distance))
+    if geom < 0 or not farthest_m < limit_m or (truth.geom_id != geom).any():
+        return ""
+    near_m = viewpoint.bound.model.near_m
+    return (
+        f"camera '{name}': geom '{geom_label(world, geom)}', at most {1e3 * farthest_m:.3g} mm "
+        f"away, fills the picture; a camera behind its own housing needs a near plane (camera."
+        f"near_m, now {near_m:.3g}) beyond it, the geom's group hidden (scene.visual.geomgroup), "
+        "or another place"
+    )

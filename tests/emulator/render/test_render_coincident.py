@@ -1,0 +1,150 @@
+"""Surfaces that coincide: the last geom of the model is seen, wherever and however it is traced."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import subprocess
+import sys
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+import evs
+from evs.emulator import _core
+
+CORNERS = " ".join(f"{x} {y} {z}" for x in (-0.3, 0.3) for y in (-0.3, 0.3) for z in (-0.1, 0.1))
+FLAT = {
+    "box": 'type="box" size=".3 .3 .1"',
+    "mesh": 'type="mesh" mesh="m"',
+    "plane": 'type="plane" size=".3 .3 .1" pos="0 0 .1"',
+    "cylinder": 'type="cylinder" size=".45 .1"',
+    "hfield": 'type="hfield" hfield="h" pos="0 0 .1"',
+}
+ROUND = {
+    "sphere": 'type="sphere" size=".2"',
+    "ellipsoid": 'type="ellipsoid" size=".2 .2 .2"',
+    "capsule": 'type="capsule" size=".2 1e-9"',
+}
+PAIRS = [*itertools.product(FLAT, FLAT), *itertools.product(ROUND, ROUND)]
+COLOURS = (".8 .1 .1 1", ".1 .1 .9 1")
+FILLER = "".join(f'<geom size=".01" pos="{5 + k} 0 0"/>' for k in range(140))
+"""enough geoms for a hierarchy"""
+
+
+def model_of(*geoms: str, more: str = "") -> mujoco.MjModel:
+    """These geoms, in this order; the camera goes around them and looks down by 20 degrees."""
+    return mujoco.MjModel.from_xml_string(f"""
+<mujoco><asset><mesh name="m" vertex="{CORNERS}"/>
+<hfield name="h" nrow="2" ncol="2" size=".3 .3 1e-9 .2" elevation="0 0 0 0"/></asset>
+<visual><headlight diffuse=".6 .6 .6" specular="0 0 0"/></visual>
+<worldbody>{"".join(geoms)}{more}<body><joint name="turn" axis="0 0 1"/>
+<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+<camera name="eye" pos=".07 -2.1 .8" xyaxes="1 0 0 0 .342 .94" fovy="20"/></body>
+</worldbody></mujoco>""")
+
+
+def seen(model: mujoco.MjModel, turn: float, **render: Any) -> tuple[Any, Any]:
+    """Ids and light."""
+    sensor = evs.SensorConfig("ideal", width=48, height=32)
+    config = evs.RenderConfig(**{"spp": 1, **render})
+    camera = evs.EventCamera(model, "eye", sensor=sensor, render=config, threads=1)
+    data = mujoco.MjData(model)
+    camera.observe(data)
+    data.time, data.qpos[0] = 1e-3, turn
+    camera.observe(data)
+    return camera.ground_truth().geom_id, camera.luminance
+
+
+def geom(kinds: dict[str, str], kind: str, which: int) -> str:
+    return f'<geom {kinds[kind]} rgba="{COLOURS[which]}"/>'
+
+
+@pytest.mark.parametrize(("first", "last"), PAIRS)
+@pytest.mark.parametrize("more", ["", FILLER], ids=["few", "many"])
+def test_the_last_of_the_model_is_seen(first: str, last: str, more: str) -> None:
+    kinds = FLAT if first in FLAT else ROUND
+    one, other = geom(kinds, first, 0), geom(kinds, last, 1)
+    for turn in (0.0, 0.7):
+        (a, _), (b, light) = (seen(model_of(x, more=more), turn) for x in (one, other))
+        ids, both = seen(model_of(one, other, more=more), turn)
+        # only the tops of flat shapes are common to all of them
+        top = (a == 0) & (b == 0)
+        if kinds is FLAT:
+            alone, _ = seen(model_of(geom(FLAT, "plane", 0)), turn)
+            top &= alone == 0
+        assert top.sum() > 150
+        assert (ids[top] == 1).all()
+        np.testing.assert_allclose(both[top], light[top], rtol=1e-4)
+
+
+@pytest.mark.parametrize("renderer", ["direct", "hybrid", "path"])
+@pytest.mark.parametrize("pair", [("mesh", "box"), ("box", "mesh"), ("plane", "box")])
+def test_every_renderer_sees_the_same(renderer: str, pair: tuple[str, str]) -> None:
+    first, last = (geom(FLAT, kind, k) for k, kind in enumerate(pair))
+    top = seen(model_of(geom(FLAT, "plane", 0)), 0.4)[0] == 0
+    # not where a sample of the pixel may see something else
+    inside = top.copy()
+    for axis, step in itertools.product((0, 1), (1, -1)):
+        inside &= np.roll(top, step, axis)
+    assert inside.sum() > 100
+    render = {"renderer": renderer, "spp": 4, "bounces": 0}
+    expected = seen(model_of(last), 0.4, **render)[1]
+    for isa, incremental in itertools.product(_core.isa_available(), (True, False)):
+        _, light = seen(model_of(first, last), 0.4, **render, isa=isa, incremental=incremental)
+        np.testing.assert_allclose(light[inside], expected[inside], rtol=1e-3)
+        if isa == _core.isa_available()[0] and incremental:
+            same = light
+        assert light.tobytes() == same.tobytes()
+
+
+def test_a_transparent_surface_does_not_hide_what_it_lies_on() -> None:
+    floor, glass = '<geom {} rgba=".8 .8 .8 1"/>', '<geom {} rgba=".1 .1 .1 .5"/>'
+    for pair in (("box", "box"), ("mesh", "box"), ("box", "mesh"), ("mesh", "plane")):
+        under, over = floor.format(FLAT[pair[0]]), glass.format(FLAT[pair[1]])
+        raised = over.replace("/>", ' pos="0 0 {}"/>'.format("1e-4" if pair[1] != "plane" else ""))
+        if pair[1] == "plane":
+            raised = over.replace('pos="0 0 .1"', 'pos="0 0 .1001"')
+        top = seen(model_of(geom(FLAT, "plane", 0)), 0.4)[0] == 0
+        apart = seen(model_of(under, raised), 0.4)[1][top]
+        together = seen(model_of(under, over), 0.4)[1][top]
+        np.testing.assert_allclose(np.median(together), np.median(apart), rtol=0.02)
+        np.testing.assert_allclose(together, apart, rtol=0.1)
+
+
+SCRIPT = """
+import sys, mujoco, numpy as np
+model = mujoco.MjModel.from_xml_string(sys.stdin.read())
+data = mujoco.MjData(model)
+mujoco.mj_forward(model, data)
+renderer = mujoco.Renderer(model, 48, 64)
+renderer.enable_segmentation_rendering()
+renderer.update_scene(data, "eye")
+print(*np.unique(renderer.render()[..., 0]))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [*FLAT, *ROUND])
+def test_mujocos_picture_shows_the_last_of_two_alike(kind: str) -> None:
+    kinds = FLAT if kind in FLAT else ROUND
+    found = subprocess.run(
+        [sys.executable, "-c", SCRIPT],
+        input=mujoco_text(kinds[kind]),
+        env={**os.environ, "MUJOCO_GL": "egl"},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    assert found.stdout.split() == ["-1", "1"]
+
+
+def mujoco_text(shape: str) -> str:
+    twice = "".join(f'<geom {shape} rgba="{colour}"/>' for colour in COLOURS)
+    return f"""<mujoco><asset><mesh name="m" vertex="{CORNERS}"/>
+<hfield name="h" nrow="2" ncol="2" size=".3 .3 1e-9 .2" elevation="0 0 0 0"/></asset><worldbody>
+{twice}<camera name="eye" pos=".07 -2.1 .8" fovy="20"
+xyaxes="1 0 0 0 .342 .94"/></worldbody></mujoco>"""
