@@ -21,10 +21,10 @@ from evs.msgs import Events, join_events
 pytestmark = pytest.mark.golden
 
 DIGESTS = {
-    "direct": "81e1bd691c2e8dc8",
-    "path": "a616c6e1eb7380ca",
-    "path cycle": "57933fcda5a0117c",
-    "path cycle adaptive": "6360896e6b4d19bb",
+    "direct": "0f48bab6d2b4bf3c",
+    "path": "1dcd500806afd105",
+    "path cycle": "b0b1a7cf480eb247",
+    "path cycle adaptive": "ad8b17e6247a6974",
 }
 """renderer, seeds and antialiasing -> digest of the light and events of all cameras"""
 
