@@ -198,7 +198,9 @@ class Hdf5Recorder(_Hdf5Recorder):
             )
             for name, dtype in COLUMNS.items()
         }
-        self._index = self._file.create_dataset("ms_to_idx", (0,), "<u8", chunks=(4096,), **kinds)
+        self._index = self._file.create_dataset(
+            "ms_to_idx", (0,), "<u8", chunks=(1 << 14,), **kinds
+        )
         self._file.attrs["sensor_resolution"] = (self.stream.height, self.stream.width)
         self._offset = self._file.create_dataset("t_offset", data=np.int64(0))
         self._file.swmr_mode = True
