@@ -253,8 +253,10 @@ struct NoisyComparators {
     return step;
   }
 
-  // Where in a step up to `end` its level has come to x deviations, as a share of the step.
-  double share_of(const NoiseStep& step, bool up, double x, double end) const {
+  // Where in a step up to `end` its level has come to x deviations, as a share of the step. The
+  // noise fires at any time of the step, the way of the level when it has come there.
+  double share_of(const NoiseStep& step, bool up, Place place, double end) const {
+    const double x = place.x;
     const NoiseLevel& level = up ? step.on : step.off;
     double share = (level.x0 - x) / (level.x0 - level.x1);
     const double above0 = (signal - r) + mean;
@@ -268,7 +270,7 @@ struct NoisyComparators {
       left = distance0 - x * band.sigma * unknown_share(known);
       share = std::clamp(left / nearer, 0.0, 1.0);
     }
-    if (!pixel.response.bends) return share;
+    if (place.random || !pixel.response.bends) return share;
     // the mean of the noise drifts, too
     const double begin = now / length;
     const double part = (end - now) / length;
@@ -312,7 +314,7 @@ struct NoisyComparators {
       Cause cause = Cause::shot;
       if (level.x1 < level.x0) {
         const Place place = place_of(level, step.passages, share * level.hazard());
-        share = share_of(step, up, place.x, end);
+        share = share_of(step, up, place, end);
         const bool moved = std::abs(v) * (dt / length) >= std::abs(mean - step.mean1);
         if (moved && !place.random) {
           cause = cause_of(pixel.to - pixel.from, pixel.drift, pixel.drift_cause);

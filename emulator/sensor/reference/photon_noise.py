@@ -658,7 +658,7 @@ class NoisyPixel:
                 break
         return place, by_noise
 
-    def _share(self, step: Step, up: bool, x: float, end: float) -> float:
+    def _share(self, step: Step, up: bool, x: float, end: float, by_noise: bool) -> float:
         """Where in a step its level has come to x deviations, as a share of the step."""
         p, level = self.p, step.on if up else step.off
         share = (level.x0 - x) / (level.x0 - level.x1)
@@ -674,7 +674,7 @@ class NoisyPixel:
             left = distance0 - x * self.band.sigma * unknown_share(known)
             share = max(0.0, min(1.0, left / nearer))
         response, tick_us = p.response, float(p.tick_us)
-        if not response.bends:
+        if by_noise or not response.bends:
             return share
         # the mean of the noise drifts, too
         begin, part = self.now / tick_us, (end - self.now) / tick_us
@@ -709,7 +709,7 @@ class NoisyPixel:
             share, cause = self.budget / hazard, Cause.SHOT
             if level.x1 < level.x0:
                 place, by_noise = self._place(level, step.passages, share * level.hazard)
-                share = self._share(step, up, place, end)
+                share = self._share(step, up, place, end, by_noise)
                 moved = abs(speed) * (dt / float(p.tick_us)) >= abs(self.mean - step.mean1)
                 if moved and not by_noise:
                     cause = self._moving_cause()
