@@ -22,9 +22,9 @@ pytestmark = pytest.mark.golden
 
 DIGESTS = {
     "direct": "0f48bab6d2b4bf3c",
-    "path": "1dcd500806afd105",
-    "path cycle": "b0b1a7cf480eb247",
-    "path cycle adaptive": "ad8b17e6247a6974",
+    "path": "52476f0b4e82de3e",
+    "path cycle": "7fe0e03e9a8cf5b6",
+    "path cycle adaptive": "0fe667a7f13ab907",
 }
 """renderer, seeds and antialiasing -> digest of the light and events of all cameras"""
 
