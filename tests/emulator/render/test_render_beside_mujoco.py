@@ -11,7 +11,8 @@ import pytest
 
 from evs.drivers.pictures import write_png
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.world import load_model
+from evs.emulator.world import extract_scene, load_model
+from evs.emulator.world.meshes import face_normals
 from reference.mujoco_picture import MujocoPictures, SideBySide, decoded
 
 pytestmark = pytest.mark.statistical
@@ -293,3 +294,30 @@ def test_robots_are_as_bright_as_in_mujocos_picture(
         means = [*(means or [seen.theirs[there].mean()]), seen.our_code[there].mean()]
     print(f"| {name} |", " | ".join(f"{mean:.0f}" for mean in means), "|")
     assert all(0.85 < mean / means[0] < 1.25 for mean in means), means
+
+
+@pytest.mark.parametrize("points", [14, 40])
+def test_hulls_have_the_normals_that_mujoco_shows(mujoco_beside: MujocoPictures, points: int):
+    """Smooth where faces meet at a small angle, flat elsewhere: seen by the cosine to a lamp, which
+    MuJoCo interpolates between corners."""
+    rng = np.random.default_rng(points)
+    corners = rng.normal(size=(points, 3))
+    corners /= np.linalg.norm(corners, axis=1, keepdims=True)
+    vertices = " ".join(f"{v:.4f}" for v in corners.ravel())
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco>
+        <visual><headlight ambient="0 0 0" diffuse="1 1 1" specular="0 0 0"/></visual>
+        <asset><mesh name="hull" vertex="{vertices}"/>
+          <material name="m" rgba=".8 .8 .8 1" specular="0"/></asset>
+        <worldbody><camera pos="0 0 3"/><geom type="mesh" mesh="hull" material="m"/></worldbody>
+        </mujoco>""")
+    seen = mujoco_beside.beside(model, render=RenderConfig(spp=1))
+    mask = seen.inside(0)
+    theirs, ours = seen.theirs[mask, 0] / 255 / 0.8, seen.ours[mask, 0] / decoded(0.8)
+    mesh = extract_scene(model).meshes[0]
+    flat = face_normals(mesh.vertices, mesh.faces)[:, None, :]
+    assert ((mesh.normals * flat).sum(-1) < 0.999).mean() > 0.3
+    model.mesh_normal[:], model.mesh_facenormal[:] = 0, 0  # our normals are then the faces'
+    faceted = mujoco_beside.beside(model, render=RenderConfig(spp=1)).ours[mask, 0] / decoded(0.8)
+    error, of_faces = (np.quantile(np.abs(theirs - cosine), 0.9) for cosine in (ours, faceted))
+    assert error < 0.06
+    assert of_faces > 2.5 * error
