@@ -104,6 +104,35 @@ def test_a_scene_at_rest_keeps_every_byte_and_then_traces_nothing(antialiasing: 
         assert full.traced_fraction == 1
 
 
+PERISCOPE = """<mujoco><asset><material name="mirror" rgba="0 0 0 1" reflectance=".5" specular="0"/>
+    <material name="lamp" rgba="1 1 1 1" emission="8" specular="0"/></asset><worldbody>
+    <geom type="plane" size=".5 .5 1" pos="1 0 0" zaxis="-1 0 1" material="mirror"/>
+    <geom type="plane" size=".5 .5 1" pos="1 0 1" zaxis="-1 0 -1" material="mirror"/>
+    <geom type="box" size=".1 3 3" pos="-1 0 1" material="lamp"/>
+    <body mocap="true" pos="0 2 1"><geom size=".1" rgba="0 0 0 1"/></body>
+    <camera xyaxes="0 -1 0 0 0 1" fovy="20"/></worldbody></mujoco>"""
+
+
+def test_a_mirror_shows_the_image_in_another() -> None:
+    """And what moves before the second one."""
+    model = mujoco.MjModel.from_xml_string(PERISCOPE)
+    data = mujoco.MjData(model)
+    bound = bind_camera(model, "", 32, 24)
+    taker, scene = SnapshotTaker(model, [bound]), extract_scene(model)
+    kept, full = (
+        make_renderer(scene, bound.model, replace(HYBRID, incremental=one), 1)
+        for one in (True, False)
+    )
+    for y in (2.0, 2.0, 1.0, 0.5, 0.1, 0.0, 0.0, 2.0, 2.0):
+        data.mocap_pos[0] = (0, y, 1)
+        mujoco.mj_forward(model, data)
+        shot = taker.snapshot(data, 0)
+        light = kept.render(shot, shot.cameras[0])
+        np.testing.assert_array_equal(light, full.render(shot, shot.cameras[0]))
+        middle = light[11:13, 15:17]
+        np.testing.assert_allclose(middle, 0.5 * 0.5 * 8 if y > 0.2 else 0, rtol=1e-5, atol=1e-6)
+
+
 def moving(stage: RandomStage, ticks: int) -> list:
     """Geoms that move for a while, rest until nothing is traced, and move on."""
     rest = film_of(stage, 1)[0]

@@ -137,6 +137,8 @@ void shade_direct(const Frame& f, const Rays& rays, const Hit& hit,
 
 // How `direct` shades a surface.
 struct DirectShading {
+  static constexpr int MIRRORS = 1;  // off which a ray is followed, as in MuJoCo's viewer
+
   template <int CHANNELS>
   void shade(const Frame& f, const Rays& rays, const Hit& hit,
              const SurfaceInteraction<CHANNELS>& interaction, LazyBounds& bounds, Mask lit, Float,
@@ -153,13 +155,14 @@ struct DirectShading {
   void sampled(const Float*) const {}
 };
 
-template <int CHANNELS, bool FOLLOW, class Shading>
+template <int CHANNELS, int MIRRORS, class Shading>
 void radiance(const Shading& shading, const Frame& f, const Rays& rays, const RayCone& cone,
               Mask active, Float path_length, RayRecorder* recorder, Float* out);
 
 // Add the mirror image seen in the lanes `mirror`, times the reflectance. `box`: bounds of the
-// mirrors' points. `empty`: the image is known to be empty.
-template <int CHANNELS, class Shading>
+// mirrors' points. `empty`: the image is known to be empty. MIRRORS: as of `radiance`, of the
+// image.
+template <int CHANNELS, int MIRRORS, class Shading>
 void reflect(const Shading& shading, const Frame& f, const Rays& rays,
              const SurfaceInteraction<CHANNELS>& interaction, const BoundingBox& box, Mask mirror,
              bool empty, Float path_length, RayRecorder* recorder, Float* surface) {
@@ -181,32 +184,33 @@ void reflect(const Shading& shading, const Frame& f, const Rays& rays,
   // add the mirror image
   if (empty) return;
   Float image[CHANNELS];
-  radiance<CHANNELS, false>(shading, f, mirrored, cone, mirror, path_length, recorder, image);
+  radiance<CHANNELS, MIRRORS>(shading, f, mirrored, cone, mirror, path_length, recorder, image);
   for (int c = 0; c < CHANNELS; c++) {
     image[c] = image[c] * interaction.reflectance;
     surface[c] = select(mirror, surface[c] + image[c], surface[c]);
   }
-  shading.template mirrored<CHANNELS>(image, mirror);
+  if (MIRRORS == 1) shading.template mirrored<CHANNELS>(image, mirror);
 }
 
-// Compute the radiance along the rays of `active`: through transparent surfaces from front to back
-// and, with FOLLOW, off one mirror. Out: radiance by channel; the recorder is extended unless it is
-// null.
-template <int CHANNELS, bool FOLLOW, class Shading>
+// Compute the radiance along the rays of `active`: through transparent surfaces from front to back,
+// and off mirrors. MIRRORS: how many the rays have been reflected by, 0: camera rays. Out: radiance
+// by channel; the recorder is extended unless it is null.
+template <int CHANNELS, int MIRRORS, class Shading>
 void radiance(const Shading& shading, const Frame& f, const Rays& rays, const RayCone& cone,
               Mask active, Float path_length, RayRecorder* recorder, Float* out) {
+  constexpr bool CAMERA = MIRRORS == 0;
   for (int c = 0; c < CHANNELS; c++) out[c] = splat(0.0f);
   Float transmittance = splat(1.0f), haze_alpha = splat(0.0f), haze_distance = haze_alpha;
   // only rays of the camera begin at its near plane
-  Passed passed = from(FOLLOW ? near_distance(f, rays.direction) : splat(0.0f));
+  Passed passed = from(CAMERA ? near_distance(f, rays.direction) : splat(0.0f));
   for (int layer = 0; layer < MAX_LAYERS; layer++) {
     // intersect the next layer
     Hit hit = intersect(f, rays, cone, active, passed, layer > 0);
     Mask lit = active & ~(hit.geom < splat(0));
-    if (FOLLOW && f.medium.haze) lit = lit & ~behind_haze(f, rays.direction, hit);
+    if (CAMERA && f.medium.haze) lit = lit & ~behind_haze(f, rays.direction, hit);
     Mask missed = active & ~lit;
-    if (FOLLOW && f.medium.haze && layer == 0) haze_alpha = haze(f, rays.direction, haze_distance);
-    if (FOLLOW && f.medium.haze) {
+    if (CAMERA && f.medium.haze && layer == 0) haze_alpha = haze(f, rays.direction, haze_distance);
+    if (CAMERA && f.medium.haze) {
       // composite the haze over what is behind it
       Mask behind = active & (hit.distance > haze_distance);
       Float share = select(behind, transmittance * haze_alpha, splat(0.0f));
@@ -217,8 +221,8 @@ void radiance(const Shading& shading, const Frame& f, const Rays& rays, const Ra
       transmittance = transmittance - share;
       haze_alpha = select(behind, splat(0.0f), haze_alpha);
     }
-    bool fog = FOLLOW && f.medium.fog;
-    if (((FOLLOW && f.skybox >= 0) || f.sky_shines || fog) && any(missed)) {
+    bool fog = CAMERA && f.medium.fog;
+    if (((CAMERA && f.skybox >= 0) || f.sky_shines || fog) && any(missed)) {
       Float light[CHANNELS];
       for (int c = 0; c < CHANNELS; c++) light[c] = splat(f.medium.fog_color[c]);
       if (!fog) camera_environment<CHANNELS>(f, rays.direction, to_bits(missed), light);
@@ -232,26 +236,29 @@ void radiance(const Shading& shading, const Frame& f, const Rays& rays, const Ra
         surface_interaction<CHANNELS>(f, rays, hit, to_bits(lit), path_length);
     LazyBounds bounds;
     if (recorder)
-      extend(FOLLOW ? recorder->primary_hits : recorder->mirror_hits, bounds.of(interaction, lit));
+      extend(CAMERA ? recorder->primary_hits : recorder->mirror_hits, bounds.of(interaction, lit));
     Float surface[CHANNELS];
-    bool caches = FOLLOW && layer == 0 && recorder && recorder->shading.numbers &&
+    bool caches = CAMERA && layer == 0 && recorder && recorder->shading.numbers &&
                   can_cache_shading(f, hit, lit);
     shading.template shade<CHANNELS>(f, rays, hit, interaction, bounds, lit, path_length,
                                      caches ? &recorder->shading : nullptr, surface);
-    // follow mirrors once
-    if constexpr (FOLLOW) {
+    // follow mirrors
+    if constexpr (MIRRORS < Shading::MIRRORS) {
       Mask mirror = lit & (interaction.reflectance > 0.0f);
       // as in MuJoCo's viewer, a sky that is only a backdrop is in no mirror
-      bool empty = !any(mirror) || (!f.sky_shines && mirror_is_empty(f, rays, hit, mirror));
-      if (!empty || (recorder && any(mirror))) {
-        reflect<CHANNELS>(shading, f, rays, interaction, bounds.of(interaction, lit), mirror, empty,
-                          path_length + hit.distance, recorder, surface);
+      bool empty =
+          !any(mirror) || (CAMERA && !f.sky_shines && mirror_is_empty(f, rays, hit, mirror));
+      // the rays of a mirror in a mirror are not recorded
+      RayRecorder* records = CAMERA ? recorder : nullptr;
+      if (!empty || (records && any(mirror))) {
+        reflect<CHANNELS, MIRRORS + 1>(shading, f, rays, interaction, bounds.of(interaction, lit),
+                                       mirror, empty, path_length + hit.distance, records, surface);
       }
     }
     if (f.medium.fog) apply_fog<CHANNELS>(f, path_length + hit.distance, surface);
     // composite it, and continue behind it where it is transparent
     Float share = transmittance * interaction.alpha;
-    if (FOLLOW) shading.template composited<CHANNELS>(out, share, lit);
+    if (CAMERA) shading.template composited<CHANNELS>(out, share, lit);
     for (int c = 0; c < CHANNELS; c++) out[c] = select(lit, out[c] + surface[c] * share, out[c]);
     active = lit & (interaction.alpha < 1.0f);
     if (!any(active)) break;
@@ -279,8 +286,8 @@ void trace_packet(const Shading& shading, const Frame& f, int column, int row, c
   for (int s = 0; s < f.samples; s++) {
     Rays rays = primary_rays(f, column, row, f.sample_x[s], f.sample_y[s]);
     Float light[CHANNELS];
-    radiance<CHANNELS, true>(shading, f, rays, cone, mask_from_bits(ALL_LANES), splat(0.0f),
-                             record ? &recorder : nullptr, light);
+    radiance<CHANNELS, 0>(shading, f, rays, cone, mask_from_bits(ALL_LANES), splat(0.0f),
+                          record ? &recorder : nullptr, light);
     shading.template sampled<CHANNELS>(light);
     sum = sum + luminance_of<CHANNELS>(f, light);
     if (out.rgb || out.untextured) {
@@ -315,7 +322,7 @@ void trace_scattered(const Frame& f, const int32_t* x, const int32_t* y, int cou
                              pixel_point(row, f.sample_y[s], PACKET_HEIGHT));
     Float light[CHANNELS];
     RayCone cone = ray_cone(rays.origin, rays.direction, all, T_INFINITY);
-    radiance<CHANNELS, true>(DirectShading{}, f, rays, cone, all, splat(0.0f), nullptr, light);
+    radiance<CHANNELS, 0>(DirectShading{}, f, rays, cone, all, splat(0.0f), nullptr, light);
     sum = sum + luminance_of<CHANNELS>(f, light);
     sum_untextured = sum_untextured + light[CHANNELS - 1];
   }

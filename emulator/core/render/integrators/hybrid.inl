@@ -31,6 +31,7 @@ constexpr int OUTERMOST = 8;       // points of a glowing geom that decide wheth
 constexpr float GRAZING = 0.01f;
 
 struct HybridShading {
+  static constexpr int MIRRORS = 2;
   static constexpr bool KEEPS = LANES == PACKET;
   const PathFrame& p;
   const IrradianceView& cache;

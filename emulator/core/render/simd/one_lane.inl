@@ -43,7 +43,7 @@ void trace_pixel(const Shading& shading, const Frame& f, int x, int y, const Out
     Rays rays = pixel_ray(f, x, y, f.sample_x[s], f.sample_y[s]);
     RayCone cone = ray_cone(rays.origin, rays.direction, all, T_INFINITY);
     Float light[CHANNELS];
-    radiance<CHANNELS, true>(shading, f, rays, cone, all, splat(0.0f), nullptr, light);
+    radiance<CHANNELS, 0>(shading, f, rays, cone, all, splat(0.0f), nullptr, light);
     sum = sum + luminance_of<CHANNELS>(f, light);
     for (int c = 0; c < CHANNELS; c++) sums[c] = sums[c] + light[c];
   }
