@@ -486,8 +486,7 @@ class DeviceFrame:
             seed: The seed of this tick, for path and hybrid.
 
         Returns:
-            Where pixels are to be traced: "there"; "here", by trace_here; or "nowhere", as
-            no light has changed.
+            Where pixels are to be traced: "there", or "nowhere", as no light has changed.
         """
 
     def copy_cache(self, edges: bool, address: int, used_address: int, out: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')], used: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')], arguments: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')]) -> None:
@@ -511,7 +510,8 @@ class DeviceFrame:
             missing: (n * request_bytes,) uint8.
 
         Returns:
-            False where the cache has no room: the tick is then traced by trace_here.
+            False where the cache has no room, or was empty: the tick is then traced by
+            trace_here.
         """
 
     def take_readers(self, first: Annotated[NDArray[numpy.uint64], dict(shape=(None, 3), order='C', device='cpu', writable=False)]) -> None:

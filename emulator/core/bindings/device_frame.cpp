@@ -47,9 +47,7 @@ const char* copy_tick(const BoundDeviceFrame& b, In<double, N, 3> geom_pos,
   Caster::Place place =
       b.frame.copy_tick(poses, constant, tick, reinterpret_cast<char*>(out.data()), made);
   std::memcpy(arguments.data(), &made, sizeof made);
-  return place == Caster::Place::THERE  ? "there"
-         : place == Caster::Place::HERE ? "here"
-                                        : "nowhere";
+  return place == Caster::Place::THERE ? "there" : "nowhere";
 }
 
 const IrradianceCache& cache_of(const BoundDeviceFrame& b) {
@@ -201,9 +199,7 @@ void bind_device_frame(nb::module_& m) {
            "    seed: The seed of this tick, for path and hybrid.\n"
            "\n"
            "Returns:\n"
-           "    Where pixels are to be traced: \"there\"; \"here\", by trace_here; or \"nowhere\", "
-           "as\n"
-           "    no light has changed.")
+           "    Where pixels are to be traced: \"there\", or \"nowhere\", as no light has changed.")
       .def("copy_cache", &copy_cache, nb::arg("edges"), nb::arg("address"), nb::arg("used_address"),
            nb::arg("out"), nb::arg("used"), nb::arg("arguments"),
            "Begin a pass of `hybrid`, after copy_tick, and copy what it reads of the cache.\n"
@@ -222,7 +218,8 @@ void bind_device_frame(nb::module_& m) {
            "    missing: (n * request_bytes,) uint8.\n"
            "\n"
            "Returns:\n"
-           "    False where the cache has no room: the tick is then traced by trace_here.")
+           "    False where the cache has no room, or was empty: the tick is then traced by\n"
+           "    trace_here.")
       .def(
           "take_readers", &take_readers, nb::arg("first"),
           "Take from where nodes are read, after a pass in which nothing was missing.\n"

@@ -126,18 +126,17 @@ class Caster {
     size_t bvh_boxes[GeomBvh::LEVELS], bvh_geoms;
   };
   DeviceInputs device_inputs() const;
-  // Where the pixels of a tick are traced: nowhere, as no light has changed; here, by `trace_here`;
-  // or on a device.
-  enum class Place { NOWHERE, HERE, THERE };
-  // Place everything for a tick that a device renders. `hybrid` is traced here where its cache is
-  // empty.
+  // Where the pixels of a tick are traced: nowhere, as no light has changed, or on a device.
+  enum class Place { NOWHERE, THERE };
+  // Place everything for a tick that a device renders.
   Place place_for_device(const Poses& poses);
   // Trace all pixels of `hybrid`, after that.
   void trace_here(float* luminance);
   // What pixels of `hybrid` read on a device, in a pass over them that begins.
   const IrradianceCache& begin_device_pass(IrradianceCache::Pass pass);
   // Take which nodes they have read, (nodes), and the nodes that they miss, which are lit. Returns
-  // false where there is no room: the tick must then be traced here.
+  // false where there is no room, or where they are the first: the tick must then be traced by
+  // `trace_here`.
   bool take_from_device(const uint8_t* used, const NodeRequest* missing, size_t count);
   // Take from where nodes were read, as IrradianceCache::take_first_readers.
   void take_first_readers(const uint64_t* words) { irradiance_->take_first_readers(words); }

@@ -165,11 +165,12 @@ void Caster::trace_hybrid(bool selective, const Outputs& out) {
                   : lamps_move ? Recording::SURFACES
                                : Recording::LIGHT;
   // a sweep asks each packet for its nodes
-  selective = records && kept_of_last_ >= now && !cold && !cache.swept() && find_dirty_of_hybrid();
+  selective = records && kept_of_last_ >= now && !cache.swept() && find_dirty_of_hybrid();
   if (records && !selective) packet_cache_->record_all();
   auto pass = [&] { return hybrid_passes(tracer, now, selective, out); };
   while (!pass()) cold = true, selective = false;
-  if (cold) {
+  // a view without surfaces has no nodes for ever
+  if (cold && cache.size() > 0) {
     cache.settle(colour_frame_);
     pass();
   }
@@ -292,6 +293,8 @@ const IrradianceCache& Caster::begin_device_pass(IrradianceCache::Pass pass) {
 bool Caster::take_from_device(const uint8_t* used, const NodeRequest* missing, size_t count) {
   irradiance_->set_used(used);
   if (count == 0) return true;
+  // what fills an empty cache is averaged when all of it is there
+  if (irradiance_->size() == 0) return false;
   irradiance_->request(missing, count);
   return irradiance_->add_requested(node_tracer());
 }

@@ -32,7 +32,6 @@ Caster::Place Caster::place_for_device(const Poses& poses) {
     end_tick();
     kept_of_last_ = Recording::NOTHING;
     if (!begin_hybrid(same)) return Place::NOWHERE;
-    if (irradiance_->size() == 0) return Place::HERE;
   }
   work_.packets_traced += static_cast<long>(sampling_.rows) * sampling_.columns;
   traced_fraction_ = 1;

@@ -79,12 +79,10 @@ class CudaHybridRenderer(CudaRenderer, HybridRenderer):
         there = self._there
         where = there.upload(self._place(snapshot, pose), self._noise)
         if where == "there":
-            self._is_here = False
-            where = "there" if self._trace() else "here"
-        if where == "here":
-            there.layout.trace_here(self._luminance)
-            there.put_light()
-            self._is_here = True
+            self._is_here = not self._trace()
+            if self._is_here:
+                there.layout.trace_here(self._luminance)
+                there.put_light()
         if isinstance(into, DeviceLight):
             there.copy_light(into)
             return into  # NumPy takes it as an array
@@ -95,7 +93,7 @@ class CudaHybridRenderer(CudaRenderer, HybridRenderer):
         return into
 
     def _trace(self) -> bool:
-        """Trace the passes of a tick there; False: the cache has no room."""
+        """Trace the passes of a tick there; False: the cache has no room, or was empty."""
         there, trace = self._there, self._cache.trace
         light = there.light.argument
         if not there.adaptive:
@@ -171,7 +169,7 @@ class UploadedCache:
             arguments: Its last ones.
 
         Returns:
-            False where the cache has no room for the nodes.
+            False where the cache has no room for the nodes, or was empty.
 
         Raises:
             EvsError: The GPU has no more memory.

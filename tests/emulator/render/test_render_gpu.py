@@ -18,6 +18,7 @@ from evs.emulator import _core
 from evs.emulator.base.arrays import same_bytes
 from evs.emulator.base.gpu import driver
 from evs.emulator.base.protocols import Renderer
+from evs.emulator.base.scene import CameraPose
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import make_renderer
 from evs.emulator.render.cycle import CycleRenderer
@@ -181,6 +182,21 @@ def test_worlds_on_a_gpu_are_stepped_one_by_one(device: StandInGpu | None) -> No
         seen.append(events.events.tobytes())
     assert "light and pixels are not both on a GPU" in worlds.one_by_one
     assert seen[0] == seen[1] != b""
+
+
+def test_a_view_without_surfaces_is_traced_on_the_device(device: StandInGpu | None) -> None:
+    """And as soon as it shows one the cache is filled as on the CPU."""
+    stage = RandomStage(0, rich=True, size=(17, 10))
+    cpu, there = stage.renderer(renderer="hybrid"), on_device(device, stage, renderer="hybrid")
+    film = list(stage.film(4))
+    away = CameraPose(film[0][1].pos + 1e4, film[0][1].mat)
+    for pose in (away, away, film[2][1], film[3][1]):
+        before = cpu.work["cache_nodes"]
+        expected = cpu.render(film[0][0], pose).copy()
+        filled = before == 0 < cpu.work["cache_nodes"]
+        assert there.render(film[0][0], pose).tobytes() == expected.tobytes()
+        assert there._is_here or not filled
+    assert same_bytes(cpu.save(), there.save())
 
 
 @pytest.mark.parametrize(

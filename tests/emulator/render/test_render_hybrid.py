@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from evs.emulator import World, _core
+from evs.emulator.base.features import Switches
 from evs.emulator.base.scene import CameraPose
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import make_renderer
@@ -102,6 +103,40 @@ def test_a_scene_at_rest_keeps_every_byte_and_then_traces_nothing(antialiasing: 
         np.testing.assert_array_equal(full.render(*instant), first)
         assert kept.traced_fraction == (1 if tick <= REST else 0)
         assert full.traced_fraction == 1
+
+
+SKY_VIEW = """<mujoco><asset><texture name="sky" type="skybox" builtin="gradient" rgb1=".6 .7 .9"
+    rgb2=".1 .1 .2" width="8" height="8"/></asset><worldbody><geom type="plane" size="2 2 1"/>
+    <body mocap="true" pos="0 0 1"><geom size=".1"/></body>
+    <camera pos="0 0 3" xyaxes="1 0 0 0 -.3 1"/></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("incremental", [True, False])
+@pytest.mark.parametrize("off", ["", "cached_light"])
+def test_without_nodes_no_packet_is_traced_twice(off: str, incremental: bool) -> None:
+    """Before a sky, into which a ball then rises, and without cached light."""
+    model = mujoco.MjModel.from_xml_string(SKY_VIEW)
+    data = mujoco.MjData(model)
+    bound = bind_camera(model, "", 64, 48)
+    taker, switches = SnapshotTaker(model, [bound]), Switches(off=frozenset({off} - {""}))
+    scene = extract_scene(model)
+    kept, full = (
+        make_renderer(scene, bound.model, replace(HYBRID, incremental=one), 1, switches=switches)
+        for one in (incremental, False)
+    )
+    packets = 16 * 12
+    for tick in range(24):
+        data.mocap_pos[0] = (0, 2, 1 + 0.1 * tick)
+        mujoco.mj_forward(model, data)
+        shot = taker.snapshot(data, 1000 * tick)
+        before = kept.work["packets_traced"]
+        lights = [one.render(shot, shot.cameras[0]) for one in (kept, full)]
+        np.testing.assert_array_equal(*lights)
+        traced = kept.work["packets_traced"] - before
+        risen = kept.work["cache_nodes"] > 0
+        if tick > 0 and not risen:
+            assert traced == (0 if incremental and not off else packets)
+    assert risen == (not off)
 
 
 PERISCOPE = """<mujoco><asset><material name="mirror" rgba="0 0 0 1" reflectance=".5" specular="0"/>
