@@ -106,6 +106,11 @@ DeviceArguments DeviceFrame::lay_out(DeviceBlock& constant, DeviceBlock& tick) c
   for (Texture& texture : textures) {
     size_t texels = static_cast<size_t>(texture.channels) * texture.channel_stride;
     texture.texels = constant.put(texture.texels, 2 * texels);
+    if (!texture.words) continue;
+    const TextureLevel& whole = texture.level[0];
+    texture.words =
+        constant.put(texture.words, static_cast<size_t>(whole.width + 2) * (whole.height + 2));
+    texture.decoded = constant.put(texture.decoded, 3 * 256);
   }
   size_t width = static_cast<size_t>(f.width), height = static_cast<size_t>(f.height);
   f.meshes = constant.put(meshes.data(), meshes.size());

@@ -8,25 +8,39 @@ namespace {
 
 constexpr float WEIGHTS[3] = {0.2126f, 0.7152f, 0.0722f};
 
-// Downsample one image by area: (w, h) -> (w2, h2).
-std::vector<float> shrink(const std::vector<float>& from, int w, int h, int w2, int h2) {
-  auto spans = [](int n, int n2, auto&& each) {
-    for (int i = 0; i < n2; i++) {
-      double begin = static_cast<double>(i) * n / n2, end = static_cast<double>(i + 1) * n / n2;
-      for (int k = static_cast<int>(begin); k < n && k < end; k++) {
-        double share = std::min<double>(k + 1, end) - std::max<double>(k, begin);
-        if (share > 0) each(i, k, share * n2 / n);
-      }
+// 2D images of so many texels keep bytes instead of the numbers of level 0.
+constexpr long LARGE = 1L << 22;
+
+// Downsample one image by area: (w, h) -> (w2, h2). In: row(y, out) writes a row of it.
+template <class Row>
+std::vector<float> shrink(const Row& row, int w, int h, int w2, int h2) {
+  auto span = [](int n, int n2, int i, auto&& each) {
+    double begin = static_cast<double>(i) * n / n2, end = static_cast<double>(i + 1) * n / n2;
+    for (int k = static_cast<int>(begin); k < n && k < end; k++) {
+      double share = std::min<double>(k + 1, end) - std::max<double>(k, begin);
+      if (share > 0) each(k, share * n2 / n);
     }
   };
-  std::vector<double> rows(static_cast<size_t>(w2) * h), out(static_cast<size_t>(w2) * h2);
-  for (int y = 0; y < h; y++) {
-    spans(w, w2, [&](int i, int k, double share) { rows[y * w2 + i] += share * from[y * w + k]; });
+  std::vector<float> from(static_cast<size_t>(w)), out;
+  std::vector<double> narrow(static_cast<size_t>(w2)), sum(narrow.size());
+  out.reserve(static_cast<size_t>(w2) * h2);
+  int held = -1;
+  for (int i = 0; i < h2; i++) {
+    std::fill(sum.begin(), sum.end(), 0.0);
+    span(h, h2, i, [&](int k, double share) {
+      if (held != k) {
+        row(k, from.data());
+        for (int x = 0; x < w2; x++) {
+          narrow[x] = 0;
+          span(w, w2, x, [&](int at, double part) { narrow[x] += part * from[at]; });
+        }
+        held = k;
+      }
+      for (int x = 0; x < w2; x++) sum[x] += share * narrow[x];
+    });
+    out.insert(out.end(), sum.begin(), sum.end());
   }
-  spans(h, h2, [&](int i, int k, double share) {
-    for (int x = 0; x < w2; x++) out[i * w2 + x] += share * rows[k * w2 + x];
-  });
-  return {out.begin(), out.end()};
+  return out;
 }
 
 }  // namespace
@@ -37,9 +51,9 @@ float from_srgb(float c) {
 
 namespace {
 
-// Write one image and its rim. In: level (height, width).
-void write_level(MipChain& chain, int channel, int level, int face,
-                 const std::vector<float>& image) {
+// Write one image and its rim. In: row(y, out) writes a row of it.
+template <class Row>
+void write_level(MipChain& chain, int channel, int level, int face, const Row& row) {
   const Texture& t = chain.layout;
   int w = t.level[level].width, h = t.level[level].height;
   auto inside = [&](int i, int n) {
@@ -47,28 +61,40 @@ void write_level(MipChain& chain, int channel, int level, int face,
     bool repeats = t.faces == 1;
     return (i < 1) == repeats ? n - 1 : 0;
   };
+  std::vector<float> here(static_cast<size_t>(w)), below(here.size());
+  row(inside(0, h), below.data());
   for (int y = 0; y < h + 1; y++) {
-    const float* row = image.data() + static_cast<long>(inside(y, h)) * w;
-    const float* below = image.data() + static_cast<long>(inside(y + 1, h)) * w;
+    here.swap(below);
+    row(inside(y + 1, h), below.data());
     float* to = chain.texels.data() + t.at(channel, level, face, y, 0);
     for (int x = 0; x < w + 2; x++) {
-      to[2 * x] = row[inside(x, w)];
+      to[2 * x] = here[inside(x, w)];
       to[2 * x + 1] = below[inside(x, w)];
     }
   }
 }
 
-// `texel(pixel, channel)`: the value of one texel, given its first component.
+struct RowsOf {
+  const std::vector<float>& image;
+  int width;
+
+  void operator()(int y, float* out) const {
+    std::copy_n(image.data() + static_cast<size_t>(y) * width, width, out);
+  }
+};
+
+// `texel(pixel, channel)`: the value of one texel, given its first component. `bytes`: whether
+// level 0 is kept elsewhere.
 template <class Texel>
 MipChain chain_of(const uint8_t* data, int faces, int height, int width, int components,
-                  int channels, Texel&& texel) {
+                  int channels, bool bytes, Texel&& texel) {
   MipChain chain;
   Texture& t = chain.layout;
   t.faces = faces;
   int w = width, h = height, total = 0;
   do {
     t.level[t.levels] = {w, h, total, w + 2};
-    total += faces * (w + 2) * (h + 1);
+    if (t.levels > 0 || !bytes) total += faces * (w + 2) * (h + 1);
     t.levels++;
     if (w == 1 && h == 1) break;
     w = std::max(1, w / 2);
@@ -80,22 +106,25 @@ MipChain chain_of(const uint8_t* data, int faces, int height, int width, int com
 
   for (int c = 0; c < channels; c++) {
     for (int face = 0; face < faces; face++) {
-      std::vector<float> level(static_cast<size_t>(width) * height);
-      for (int i = 0; i < width * height; i++) {
-        level[i] = texel(data + (static_cast<size_t>(face) * width * height + i) * components, c);
-      }
-      for (int l = 0;; l++) {
-        write_level(chain, c, l, face, level);
-        if (l + 1 >= t.levels) break;
-        const TextureLevel &from = t.level[l], &to = t.level[l + 1];
-        level = shrink(level, from.width, from.height, to.width, to.height);
+      auto whole = [&](int y, float* out) {
+        size_t first = (static_cast<size_t>(face) * height + y) * width;
+        for (int x = 0; x < width; x++) out[x] = texel(data + (first + x) * components, c);
+      };
+      if (!bytes) write_level(chain, c, 0, face, whole);
+      std::vector<float> image;
+      for (int l = 1; l < t.levels; l++) {
+        const TextureLevel &from = t.level[l - 1], &to = t.level[l];
+        image = l == 1 ? shrink(whole, from.width, from.height, to.width, to.height)
+                       : shrink(RowsOf{image, from.width}, from.width, from.height, to.width,
+                                to.height);
+        write_level(chain, c, l, face, RowsOf{image, to.width});
       }
     }
   }
   // every level is an exact area mean, so the last, one texel, is the mean of the first
   for (int c = 0; c < std::min(channels, 3); c++) {
     double mean = 0;
-    for (int face = 0; face < t.faces; face++) {
+    for (int face = 0; face < faces; face++) {
       mean += chain.texels[t.at(c, t.levels - 1, face, 1, 1)];
     }
     // the first channel is the luminance, unless there are three
@@ -121,25 +150,41 @@ struct Decode {
 MipChain build_mip_chain(const uint8_t* data, int faces, int height, int width, int components,
                          bool srgb, const float* tint, int channels) {
   Decode decode(srgb);
-  return chain_of(data, faces, height, width, components, channels, [&](const uint8_t* p, int c) {
-    float rgb[3];
-    for (int k = 0; k < 3; k++) rgb[k] = decode.value[p[components >= 3 ? k : 0]] * tint[k];
-    int k = channels == 1 ? -1 : c - (channels - 3);
-    return k >= 0 ? rgb[k] : WEIGHTS[0] * rgb[0] + WEIGHTS[1] * rgb[1] + WEIGHTS[2] * rgb[2];
-  });
+  const bool bytes = faces == 1 && static_cast<long>(height) * width >= LARGE;
+  auto component = [&](const uint8_t* p, int k) { return p[components >= 3 ? k : 0]; };
+  MipChain chain = chain_of(
+      data, faces, height, width, components, channels, bytes, [&](const uint8_t* p, int c) {
+        float rgb[3];
+        for (int k = 0; k < 3; k++) rgb[k] = decode.value[component(p, k)] * tint[k];
+        int k = channels == 1 ? -1 : c - (channels - 3);
+        return k >= 0 ? rgb[k] : WEIGHTS[0] * rgb[0] + WEIGHTS[1] * rgb[1] + WEIGHTS[2] * rgb[2];
+      });
+  if (!bytes) return chain;
+  for (int k = 0; k < 3; k++) {
+    for (float value : decode.value) chain.decoded.push_back(value * tint[k]);
+  }
+  chain.words.reserve(static_cast<size_t>(width + 2) * (height + 2));
+  for (int y = 0; y < height + 2; y++) {
+    const uint8_t* row = data + static_cast<size_t>((y + height - 1) % height) * width * components;
+    for (int x = 0; x < width + 2; x++) {
+      const uint8_t* p = row + static_cast<size_t>((x + width - 1) % width) * components;
+      chain.words.push_back(component(p, 0) | component(p, 1) << 8 | component(p, 2) << 16);
+    }
+  }
+  return chain;
 }
 
 MipChain build_scalar_mip_chain(const uint8_t* data, int faces, int height, int width,
                                 int components, bool srgb) {
   Decode decode(srgb);
-  return chain_of(data, faces, height, width, components, 1,
+  return chain_of(data, faces, height, width, components, 1, false,
                   [&](const uint8_t* p, int) { return decode.value[*p]; });
 }
 
 MipChain build_normal_mip_chain(const uint8_t* data, int faces, int height, int width,
                                 int components, bool srgb) {
   Decode decode(srgb);
-  return chain_of(data, faces, height, width, components, 3, [&](const uint8_t* p, int c) {
+  return chain_of(data, faces, height, width, components, 3, false, [&](const uint8_t* p, int c) {
     double n[3], square = 0;
     for (int k = 0; k < 3; k++) {
       n[k] = 2.0 * decode.value[p[k]] - 1.0;

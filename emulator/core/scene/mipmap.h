@@ -12,11 +12,15 @@ namespace evs {
 
 struct MipChain {
   std::vector<float, LargePages<float>> texels;
-  Texture layout = {};  // `texels` is set by view()
+  std::vector<uint32_t, LargePages<uint32_t>> words;
+  std::vector<float> decoded;
+  Texture layout = {};  // its pointers are set by view()
 
   Texture view() const {
     Texture t = layout;
     t.texels = texels.data();
+    t.words = words.empty() ? nullptr : words.data();
+    t.decoded = decoded.data();
     return t;
   }
 };

@@ -45,7 +45,8 @@ struct Mesh {
 // A mip chain in linear light, channel by channel. A level has width x height (x 6 faces) texels,
 // and around each image a rim of one texel, in which it repeats or, with 6 faces, its edge is
 // extended. Rows and columns of the image count from 1; the rim is 0 and the last. Each texel is
-// stored beside the one below it, so the four around a point are one load.
+// stored beside the one below it, so the four around a point are one load. Level 0 of a large image
+// is not among them: its texels are bytes.
 constexpr int MAX_LEVELS = 16;
 struct TextureLevel {
   int width, height;
@@ -60,6 +61,9 @@ struct Texture {
   int levels;
   int faces;  // 1 or 6
   TextureLevel level[MAX_LEVELS];
+  // of level 0 of a large image, with its rim: red, green and blue, the lowest byte first; or null
+  const uint32_t* words;
+  const float* decoded;  // (3, 256) linear light of each byte
 
   long at(int channel, int index, int face, int row, int column) const {
     const TextureLevel& l = level[index];

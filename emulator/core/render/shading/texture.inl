@@ -80,6 +80,29 @@ EVS_INLINE Lod lod_of(const Texture& t, Float footprint, unsigned lanes) {
   return lod_of_width(t, footprint * widest, lanes);
 }
 
+// Interpolate in level 0 of a large image, all of whose channels it returns: those of `t`.
+EVS_OUTLINE void read_words(const Texture& t, const TexelQuad& s, Float* out) {
+  constexpr float WEIGHTS[3] = {0.2126f, 0.7152f, 0.0722f};  // BT.709
+  const float* words = reinterpret_cast<const float*>(t.words);
+  Int down = splat(t.level[0].stride), right = splat(1), byte = splat(255);
+  const Int at[4] = {s.at, s.at + right, s.at + down, s.at + down + right};
+  Float texels[4][MAX_CHANNELS];
+  const int first = t.channels == 3 ? 0 : 1;  // before it, the luminance
+  for (int i = 0; i < 4; i++) {
+    Int word = as_int(gather(words, at[i]));
+    Float rgb[3] = {gather(t.decoded, word & byte),
+                    gather(t.decoded + 256, shift_right<8>(word) & byte),
+                    gather(t.decoded + 512, shift_right<16>(word) & byte)};
+    if (first) texels[i][0] = rgb[0] * WEIGHTS[0] + rgb[1] * WEIGHTS[1] + rgb[2] * WEIGHTS[2];
+    for (int k = 0; k < 3 && t.channels >= 3; k++) texels[i][first + k] = rgb[k];
+  }
+  for (int c = 0; c < t.channels; c++) {
+    Float top = texels[0][c] + (texels[1][c] - texels[0][c]) * s.x;
+    Float bottom = texels[2][c] + (texels[3][c] - texels[2][c]) * s.x;
+    out[c] = top + (bottom - top) * s.y;
+  }
+}
+
 // u, v in image lengths; 2D images repeat. A channel that the image lacks reads as its mean.
 EVS_INLINE void read_lod(const Texture& t, int channels, const Lod& lod, Float u, Float v, Int face,
                          Float* out) {
@@ -89,6 +112,15 @@ EVS_INLINE void read_lod(const Texture& t, int channels, const Lod& lod, Float u
   }
   TexelQuad s0 = texel_quad(lod.l0, u, v, face), s1 = s0;
   if (lod.blend) s1 = texel_quad(lod.l1, u, v, face);
+  // where level 0 of a large image is read
+  Mask largest = mask_from_bits(0);
+  Float whole[MAX_CHANNELS] = {};
+  if (t.words) {
+    largest = lod.l0.width >= static_cast<float>(t.level[0].width);
+    TexelQuad inside = {select(largest, s0.at, splat(0)), s0.x, s0.y};
+    s0.at = select(largest, splat(0), s0.at);
+    if (any(largest)) read_words(t, inside, whole);
+  }
   for (int c = 0; c < channels; c++) {
     if (c >= t.channels) {
       out[c] = splat(t.mean);
@@ -96,6 +128,7 @@ EVS_INLINE void read_lod(const Texture& t, int channels, const Lod& lod, Float u
     }
     const float* base = t.texels + 2 * static_cast<long>(c) * t.channel_stride;
     out[c] = bilinear(base, s0);
+    if (t.words) out[c] = select(largest, whole[c], out[c]);
     if (lod.blend) out[c] = out[c] + (bilinear(base, s1) - out[c]) * lod.share;
   }
 }
