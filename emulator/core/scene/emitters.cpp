@@ -33,6 +33,15 @@ double area_of(int shape, const float* size) {
   }
 }
 
+// The axis about which a shape is the same however it turns, or -1.
+int axis_of(int shape, const float* size) {
+  if (shape == CAPSULE || shape == CYLINDER) return 2;
+  for (int a = 2; a >= 0 && shape == ELLIPSOID; a--) {
+    if (size[(a + 1) % 3] == size[(a + 2) % 3]) return a;
+  }
+  return -1;
+}
+
 std::vector<float> triangle_shares(const Bvh& bvh, double& area) {
   std::vector<double> sums;
   area = 0;
@@ -96,16 +105,18 @@ Emitters::Emitters(const SceneData& scene, const Appearance& appearance,
     double radiance = surface.emission * luminance_of(surface, appearance);
     if (!(surface.emission > 0)) continue;
     emissive_ = true;
-    EmissiveGeom emissive_geom = {static_cast<int>(k), -1, 0, 0, {}};
-    double area = area_of(shape, &scene.geom_size[3 * static_cast<size_t>(g)]);
+    const float* size = &scene.geom_size[3 * static_cast<size_t>(g)];
+    EmissiveGeom emissive_geom = {static_cast<int>(k), -1, 0, 0, {}, false, -1};
+    emissive_geom.uniform = surface.texture < 0 && surface.emissive_map < 0;
+    if (emissive_geom.uniform) emissive_geom.axis = axis_of(shape, size);
+    double area = area_of(shape, size);
     double power_area = area;
     if (shape == MESH || shape == HFIELD) {
       emissive_geom.mesh = scene.geom_mesh[g];
       emissive_geom.cumulative = triangle_shares(scene.meshes[emissive_geom.mesh]->bvh, area);
       power_area = area;
     } else if (shape == ELLIPSOID) {
-      const float* s = &scene.geom_size[3 * static_cast<size_t>(g)];
-      power_area = area * std::cbrt(std::pow(s[0] * s[1] * s[2], 2.0));
+      power_area = area * std::cbrt(std::pow(size[0] * size[1] * size[2], 2.0));
     }
     emissive_geom.area = static_cast<float>(area);
     emissive_geom.power = radiance * power_area;
@@ -130,7 +141,7 @@ void Emitters::update_probabilities() {
     emitter_of_geom_[g.geom] = static_cast<int>(emitters_.size());
     emitters_.push_back({g.geom, begin, end, g.area,
                          g.cumulative.empty() ? nullptr : g.cumulative.data(),
-                         static_cast<int>(g.cumulative.size())});
+                         static_cast<int>(g.cumulative.size()), g.uniform, g.axis});
   }
 }
 

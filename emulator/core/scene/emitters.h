@@ -32,6 +32,8 @@ class Emitters {
     double power;
     float area;
     std::vector<float> cumulative;
+    bool uniform;
+    int axis;
   };
 
   template <class Which>

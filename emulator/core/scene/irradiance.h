@@ -46,7 +46,8 @@ struct NodeSlot {
   int32_t node;  // < 0: empty
 };
 
-// A point of a glowing geom, camera frame.
+// A point of a glowing geom: camera frame, or its own where it has an axis, about which the points
+// then turn towards what they light.
 struct LampPoint {
   V3 position, normal;  // normal: unit
   float area;           // that it stands for, m^2

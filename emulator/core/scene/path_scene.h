@@ -21,6 +21,8 @@ struct Emitter {
   float area;               // m^2; of an ellipsoid 4 pi, that of the sphere it is stretched from
   const float* cumulative;  // CDF of a mesh's triangles, by area
   int triangles;
+  bool uniform;  // its radiance is the same everywhere
+  int axis;      // 0 ... 2: of a uniform one that is the same however it turns about it; -1: none
 };
 
 // The environment as a piecewise constant distribution: side x side cells per cube face, as a

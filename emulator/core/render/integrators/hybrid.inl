@@ -13,6 +13,7 @@
 #include "integrators/antialiasing.inl"
 #include "integrators/path.inl"
 #include "irradiance/kept_light.inl"
+#include "shading/emitter_irradiance.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {
@@ -97,13 +98,17 @@ struct HybridShading {
              (dot(wi, interaction.geometric_normal) > 0.0f);
     }
 
+    EVS_INLINE Mask glossy() const {
+      Mask found = mask_from_bits(0);
+      for (int c = 0; c < CHANNELS; c++) found = found | (s.specular[c] > 0.0f);
+      return found;
+    }
+
     // Evaluate the lobes for light from wi, times pi, for a reflectance of 1.
     EVS_INLINE void lobes(Vec wi, Mask lanes, Float& specular, Float& cosine) const {
       cosine = max(dot(wi, s.geometry.normal), splat(0.0f));
       specular = splat(0.0f);
-      Mask glossy = mask_from_bits(0);
-      for (int c = 0; c < CHANNELS; c++) glossy = glossy | (s.specular[c] > 0.0f);
-      if (any(glossy & lanes)) {
+      if (any(glossy() & lanes)) {
         specular = visible_normal_pdf(s.geometry, rays.direction, wi) *
                    smith_g1(max(cosine, splat(1e-6f)), s.geometry.alpha) * PI;
       }
@@ -479,19 +484,30 @@ struct HybridShading {
     }
   }
 
-  // A glowing geom: small discs on its surface.
+  // A glowing geom: its light in closed form where there is one, and for gloss, for shadows and for
+  // other shapes small discs on its surface.
   template <int CHANNELS>
   void add_emitter(const Surfaces<CHANNELS>& at, int index) const {
     const Frame& f = at.f;
     const Emitter& e = p.emitters[index];
     Mask others = at.lit & ~(at.hit.geom == splat(e.geom));
     if (!any(others)) return;
-    const LampPoint* points = cache.lamp_points + index * LAMP_POINTS;
-    // several geoms share the points
-    int count = LAMP_POINTS / p.emitter_count;
-    count = count < FEWEST_POINTS ? FEWEST_POINTS : count;
-    float share = static_cast<float>(LAMP_POINTS) / static_cast<float>(count);
     const Geom& g = f.geoms[e.geom];
+    const bool closed = has_closed_form(e, g), ball = closed && g.shape == SPHERE;
+    Vec start = at.interaction.spawn_point;
+    Float whole = splat(0.0f);
+    if (closed) {
+      Vec normal = at.interaction.normal, flat = at.interaction.geometric_normal;
+      whole = emitter_irradiance(g, start, normal);
+      others = others & (whole > 0.0f);
+      // what is behind a triangle does not light its smooth shading either
+      Mask bent = others & (dot(normal, flat) < 0.99999f);
+      if (any(bent)) others = others & ~(bent & ~(emitter_irradiance(g, start, flat) > 0.0f));
+      if (!any(others)) return;
+    }
+    const LampPoint* points = cache.lamp_points + index * LAMP_POINTS;
+    const int count = points_of(e);
+    const float share = static_cast<float>(LAMP_POINTS) / static_cast<float>(count);
     const BoundingSphereArray& b = f.bounds;
     V3 center = {b.x[e.geom], b.y[e.geom], b.z[e.geom]};
     if (g.shape == PLANE) center = g.position;
@@ -509,29 +525,65 @@ struct HybridShading {
       const float* tint = cache.tint + 4 * f.geoms[lane(at.hit.geom, i)].surface;
       for (int c = 0; c < 3; c++) shares[c][i] = tint[c];
     }
+    auto add = [&](const LampPoint& point, Mask lanes, const Float* value, Float strength) {
+      Received light;
+      for (int c = 0; c < 3; c++) light.colour[c] = splat(point.radiance[c]);
+      light.luminance = load(shares[0]) * point.radiance[0] + load(shares[1]) * point.radiance[1] +
+                        load(shares[2]) * point.radiance[2];
+      for (int c = 0; c < CHANNELS; c++) {
+        Float reached = value[c] * strength * of_channel<CHANNELS>(f, light, c);
+        at.out[c] = select(lanes, at.out[c] + reached, at.out[c]);
+      }
+    };
+    // of a shape with an axis: its own axes, turned towards the surface
+    Vec apart = splat(g.position) - start;
+    TurnedAxes turned = {};
+    if (e.axis >= 0) turned = turned_axes(g, e.axis, apart);
+    Float distance_to_ball = sqrt(max(dot(apart, apart), splat(1e-20f)));
+    Vec to_ball = apart * (1.0f / distance_to_ball);
+    Float ball_strength =
+        one_minus_cos_cone(dot(apart, apart), g.size[0]) * (share * 2.0f / LAMP_POINTS);
     // the ray to a point, and the lanes that face each other
     Vec wi;
     Float distance, strength;
-    auto reach = [&](const LampPoint& point) {
-      Vec w = splat(point.position) - at.interaction.spawn_point;
+    auto reach_ball = [&](Float u, Float v) {
+      wi = sample_cone(to_ball, distance_to_ball, g.size[0], {u, v}, p.world, distance);
+      distance = max(distance, splat(0.0f));
+      strength = ball_strength;
+      return others & at.facing(wi);
+    };
+    auto reach = [&](int k) {
+      if (ball) return reach_ball(splat(cache.lamp_x[k]), splat(cache.lamp_y[k]));
+      const LampPoint& point = points[k];
+      Vec w = splat(point.position), normal = splat(point.normal);
+      if (e.axis < 0) {
+        w = w - start;
+      } else {
+        w = turned.to_camera(w) + apart;
+        normal = turned.to_camera(normal);
+      }
       Float square = max(dot(w, w), splat(1e-20f));
       distance = sqrt(square);
       wi = w * (1.0f / distance);
-      Float cosine = -dot(wi, splat(point.normal));
+      Float cosine = -dot(wi, normal);
       // a disc of that area, whose light is finite near it
       float area = point.area * share;
       strength = cosine * area / (square * PI + area);
       return others & at.facing(wi) & (cosine > GRAZING);
     };
+    auto reach_outermost = [&](int k) {
+      constexpr float RIM = 0.97f;
+      if (!ball) return reach(k);
+      return reach_ball(splat(RIM), splat((static_cast<float>(k) + 0.5f) / OUTERMOST));
+    };
     auto passed = [&](Mask lanes) {
-      return transmittance(f, p, at.interaction.spawn_point, wi, distance * 0.9999f, at.hit.geom,
-                           lanes, 0, nullptr);
+      return transmittance(f, p, start, wi, distance * 0.9999f, at.hit.geom, lanes, 0, nullptr);
     };
     // are the outermost points all lit, or all in shadow?
     Float lowest = splat(1.0f), highest = splat(0.0f);
     Mask tested = mask_from_bits(0);
     for (int k = 0; k < OUTERMOST && hidden; k++) {
-      Mask facing = reach(points[k]);
+      Mask facing = reach_outermost(k);
       if (!any(facing)) continue;
       tested = tested | facing;
       Float share = passed(facing);
@@ -543,26 +595,47 @@ struct HybridShading {
       dark = tested & ~(highest > 0.0f);
       partly = others & ~dark & (~tested | (lowest < 1.0f));
     }
-    for (int k = 0; k < count; k++) {
-      Mask facing = reach(points[k]) & ~dark;
+    others = others & ~dark;
+    // of a closed form, points give gloss and the share that is seen
+    Mask by_points = others;
+    if (closed) by_points = (at.glossy() & others) | partly;
+    Float all = splat(0.0f), seen = all, value[CHANNELS];
+    for (int k = 0; k < count && any(by_points); k++) {
+      Mask facing = reach(k) & by_points;
       if (!any(facing)) continue;
+      Float light = strength;
       if (any(facing & partly)) {
-        strength = select(partly, strength * passed(facing & partly), strength);
-        facing = facing & (strength > 0.0f);
+        light = select(partly, strength * passed(facing & partly), strength);
       }
+      if (closed) {
+        Float cosine = max(dot(wi, at.s.geometry.normal), splat(0.0f));
+        all = select(facing, all + strength * cosine, all);
+        seen = select(facing, seen + light * cosine, seen);
+      }
+      facing = facing & (light > 0.0f);
+      if (!any(facing)) continue;
+      if (closed && !any(facing & at.glossy())) continue;
       Float specular, cosine;
       at.lobes(wi, facing, specular, cosine);
-      const LampPoint& point = points[k];
-      Received light;
-      for (int c = 0; c < 3; c++) light.colour[c] = splat(point.radiance[c]);
-      light.luminance = load(shares[0]) * point.radiance[0] + load(shares[1]) * point.radiance[1] +
-                        load(shares[2]) * point.radiance[2];
       for (int c = 0; c < CHANNELS; c++) {
-        Float value = at.s.specular[c] * specular + at.s.diffuse[c] * cosine;
-        Float reached = value * strength * of_channel<CHANNELS>(f, light, c);
-        at.out[c] = select(facing, at.out[c] + reached, at.out[c]);
+        value[c] = at.s.specular[c] * specular;
+        if (!closed) value[c] = value[c] + at.s.diffuse[c] * cosine;
       }
+      add(points[k], facing, value, light);
     }
+    if (!closed) return;
+    // where no point is above the horizon the little light that there is counts as seen
+    whole = select(partly & (all > 0.0f), whole * (seen / max(all, splat(1e-30f))), whole);
+    for (int c = 0; c < CHANNELS; c++) value[c] = at.s.diffuse[c];
+    add(points[0], others, value, whole);
+  }
+
+  // How many points a glowing geom has: several geoms share them by power, each a power of two.
+  EVS_INLINE static int points_of(const Emitter& e) {
+    int count = LAMP_POINTS;
+    float share = (e.end - e.begin) * static_cast<float>(LAMP_POINTS);
+    while (count > FEWEST_POINTS && static_cast<float>(count / 2) >= share) count /= 2;
+    return count;
   }
 };
 

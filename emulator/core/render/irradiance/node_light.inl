@@ -28,12 +28,17 @@ inline void lamp_points(const Frame& f, const PathFrame& p, int emitter, const f
     Float u_triangle = (load(index) + 0.5f) * (1.0f / LAMP_POINTS);
     sample_area(f, e, u_triangle, {load(x + at), load(y + at)}, all, q, normal, hit);
     Vec position = to_camera(g.rotation, q) + splat(g.position);
-    normal = to_camera(g.rotation, normal);
+    Vec up = to_camera(g.rotation, normal);
     // look at the point from 1 m above it
-    Rays rays = {position + normal, normal * splat(-1.0f), false};
+    Rays rays = {position + up, up * splat(-1.0f), false};
     SurfaceInteraction<3> interaction =
         surface_interaction<3>(f, rays, hit, ALL_LANES, splat(0.0f));
     Float area = (e.end - e.begin) / (area_pdf(e, g, q) * static_cast<float>(LAMP_POINTS));
+    if (e.axis < 0) {
+      normal = up;
+    } else {
+      position = q;
+    }
     const Float numbers[10] = {position.x,
                                position.y,
                                position.z,

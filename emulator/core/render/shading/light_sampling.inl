@@ -345,6 +345,29 @@ inline void sample_area(const Frame& f, const Emitter& emitter, Float u_triangle
   hit.v = select(here, wc, hit.v);
 }
 
+// Axes of a geom that is the same however it turns about `axis`, with the next one towards a point:
+// what is fixed to them stays where it is as the geom spins. In: from the point to the geom's
+// centre.
+struct TurnedAxes {
+  Vec axes[3];
+
+  EVS_INLINE Vec to_camera(Vec v) const { return axes[0] * v.x + axes[1] * v.y + axes[2] * v.z; }
+};
+EVS_INLINE TurnedAxes turned_axes(const Geom& g, int axis, Vec apart) {
+  const float* r = g.rotation;
+  const int next = (axis + 1) % 3, last = (axis + 2) % 3;
+  Vec along = splat(V3{r[axis], r[3 + axis], r[6 + axis]});
+  Vec across = along * dot(apart, along) - apart;
+  // a point on the axis has no side
+  Mask off = dot(across, across) > dot(apart, apart) * 1e-10f;
+  across = select(off, across, splat(V3{r[next], r[3 + next], r[6 + next]}));
+  TurnedAxes turned;
+  turned.axes[axis] = along;
+  turned.axes[next] = normalize(across);
+  turned.axes[last] = cross(along, turned.axes[next]);
+  return turned;
+}
+
 // Sample a point on the emissive geom that `u_choice` selects, seen from `from`. `path_length` as
 // in surface_interaction.
 inline LightSample sample_emitter(const Frame& f, const PathFrame& p, Vec from, Float u_choice,
@@ -376,11 +399,20 @@ inline LightSample sample_emitter(const Frame& f, const PathFrame& p, Vec from, 
     Vec q, normal;
     Float u = min(max((u_choice - emitter.begin) / splat(share), splat(0.0f)), splat(0.99999994f));
     sample_area(f, emitter, u, u_point, here, q, normal, hit);
+    Vec w;
+    if (emitter.axis < 0) {
+      w = to_camera(g.rotation, q) + splat(g.position) - from;
+      normal = to_camera(g.rotation, normal);
+    } else {
+      w = splat(g.position) - from;
+      TurnedAxes turned = turned_axes(g, emitter.axis, w);
+      w = turned.to_camera(q) + w;
+      normal = turned.to_camera(normal);
+    }
     // convert the area density to a solid angle
-    Vec w = to_camera(g.rotation, q) + splat(g.position) - from;
     Float square = max(dot(w, w), splat(1e-20f)), distance = sqrt(square);
     Vec wi = w * (1.0f / distance);
-    Float cosine = -dot(to_camera(g.rotation, normal), wi);
+    Float cosine = -dot(normal, wi);
     // only the front emits
     Mask front = here & (cosine > 1e-6f);
     Float pdf = area_pdf(emitter, g, q) * square / max(cosine, splat(1e-6f));
