@@ -307,9 +307,6 @@ class CameraModel:
     cx: float
     cy: float
     orthographic: bool = False
-    near_m: float = 0.0
-    """depth of the near plane, m: nothing nearer is seen. Of a fisheye (equidistant), which sees
-    behind itself, it is the radius of a sphere"""
     distortion_model: str = "none"
     """none | plumb_bob | rational_polynomial | equidistant, as in ROS's CameraInfo"""
     distortion: tuple[float, ...] = ()
@@ -318,6 +315,9 @@ class CameraModel:
     """none | cos4: light falls with the fourth power of the cosine of the angle off the axis"""
     vignetting_polynomial: tuple[float, ...] = ()
     """a b ...: another factor 1 + a r^2 + b r^4 + ..., r in half diagonals of the image"""
+    near_m: float = 0.0
+    """depth of the near plane, m: nothing nearer is seen. Of a fisheye (equidistant), which sees
+    behind itself, it is the radius of a sphere"""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from evs.emulator.camera.camera_plan import (
     identity_of,
     plain_plan,
 )
-from evs.emulator.camera.cover import covered_by
+from evs.emulator.camera.cover import covered_by, may_be_covered
 from evs.emulator.camera.pixels import DoneTick, LentPixels, Pixels
 from evs.emulator.camera.scene_plan import ScenePlan, is_unlit, plan_scene
 from evs.emulator.config import SceneConfig, SensorConfig
@@ -482,8 +482,11 @@ class Camera:
         self._pixels.finish()
         if not self._checked_cover:
             self._checked_cover = True
-            self.covered = covered_by(self._world, self._viewpoint, self.ground_truth(), self.name)
-            warn_left_out([self.covered] if self.covered else [])
+            pose = snapshot.cameras[self.place]
+            if may_be_covered(self._world, self._viewpoint, snapshot, pose):
+                truth = self.ground_truth()
+                self.covered = covered_by(self._world, self._viewpoint, truth, self.name)
+                warn_left_out([self.covered] if self.covered else [])
 
     def _warm_up(self, snapshot: SceneSnapshot, ticks: int) -> None:
         tick_us = self._info.tick_us

@@ -159,7 +159,7 @@ class FrameLight:
         with np.errstate(all="ignore"):
             mean, most = float(np.mean(array, dtype=np.float64)), float(np.max(array))
         wanted = ""
-        if self.unit not in self._scale and BRIGHTEST < mean < math.inf:
+        if self.unit not in self._scale and BRIGHTEST_DN * self._scale["dn"] < mean < math.inf:
             wanted = "1.0 is white: if it is 255, give unit='dn', or frames of uint8"
         elif self.unit == "dn" and 0.0 < most <= 1.0:
             wanted = "255 is white: if it is 1.0, give unit='luminance'"
@@ -206,8 +206,8 @@ class FrameLight:
                 self.light *= np.float32(self._scale[self.unit])
 
 
-BRIGHTEST = 20.0
-"""mean light of a frame, 1 = white: more is another unit"""
+BRIGHTEST_DN = 20.0 * 255.0
+"""mean light of a frame: more is another unit"""
 
 _CHANNELS = ((), (3,), (4,))
 """What may stand behind height and width in a shape."""

@@ -243,7 +243,7 @@ def values(annotation: Any) -> st.SearchStrategy[Any]:
         int: st.integers(-(2**63) + 1, 2**63 - 1),
         float: st.floats(allow_nan=False, allow_infinity=False),
         bool: st.booleans(),
-        str: st.text(st.characters(exclude_categories=["Cs"])),
+        str: st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0")),
         type(None): st.none(),
     }
     return strategies[annotation]

@@ -31,6 +31,7 @@ class FakeCamera:
         )  # fmt: skip
         self.traced_fraction = 0.25
         self.is_dark = dark
+        self.covered = ""
         self.clamps = 0
         self.events_dropped: dict[str, int] = {}
         self.events_waiting = 0

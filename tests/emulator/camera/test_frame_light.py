@@ -38,7 +38,7 @@ def test_srgb_is_the_standards_to_the_last_bits() -> None:
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float16, np.float32, np.float64])
 def test_every_unit_of_every_dtype(unit: str, dtype: Any) -> None:
     whole = np.issubdtype(dtype, np.integer)
-    white = float(np.iinfo(dtype).max) if whole else 1.0
+    white = float(np.iinfo(dtype).max) if whole else 255.0 if unit == "dn" else 1.0
     frame = np.linspace(0.1, 0.9, 15).reshape(SHAPE) * white
     frame = frame.astype(dtype)
     value = frame.astype(np.float64)
