@@ -94,6 +94,13 @@ def size_of(file: Path) -> int:
     return file.stat().st_size if file.exists() else 0
 
 
+def wait_for_packets(file: Path) -> None:
+    """Wait until packets follow its header: the run goes, however long headers are."""
+    soon(lambda: size_of(file))
+    header = size_of(file)
+    soon(lambda: size_of(file) > header)
+
+
 def still(file: Path) -> bool:
     """Whether it grows no more."""
     before = size_of(file)
@@ -112,7 +119,7 @@ def test_the_camera_is_killed_and_the_sink_writes_all_that_it_was_given(folder: 
     words = ("sink.0.type=aedat4", f"sink.0.file={own}", "sink.1.type=aedat4")
     words = (*words, f"sink.1.file={aside}", "sink.1.aside=true", "--pace", "realtime")
     with emulating(folder, "--duration", "1.5", *words) as camera:
-        soon(lambda: size_of(aside) > 5000)
+        wait_for_packets(aside)
         (process,) = aside_of(camera.pid)
         os.kill(process, signal.SIGSTOP)
         # all ticks are made and in the ring; the camera waits for the sink to be closed
@@ -131,7 +138,7 @@ def test_the_camera_is_killed_and_the_sink_writes_all_that_it_was_given(folder: 
 def test_ctrl_c_ends_the_camera_and_the_sink_stays_until_all_is_written(folder: Path) -> None:
     file = folder / "run.aedat4"
     with emulating(folder, *ENDLESS, "--aside", "--record", str(file)) as camera:
-        soon(lambda: size_of(file) > 5000)
+        wait_for_packets(file)
         (process,) = aside_of(camera.pid)
         os.kill(process, signal.SIGSTOP)
         time.sleep(0.3)
@@ -155,7 +162,7 @@ def test_the_sink_is_killed_and_the_camera_goes_on(folder: Path) -> None:
     words = ("sink.0.type=npz", f"sink.0.file={own}", "sink.1.type=aedat4")
     words = (*words, f"sink.1.file={aside}", "sink.1.aside=true", "--pace", "realtime")
     with emulating(folder, "--duration", "1.5", *words) as camera:
-        soon(lambda: size_of(aside) > 5000)
+        wait_for_packets(aside)
         (process,) = aside_of(camera.pid)
         os.kill(process, signal.SIGKILL)
         _, said = camera.communicate(timeout=60)
@@ -175,7 +182,7 @@ def test_the_sink_is_killed_and_the_camera_goes_on(folder: Path) -> None:
 def test_the_only_sink_is_killed_and_that_ends_the_run(folder: Path) -> None:
     file = folder / "run.aedat4"
     with emulating(folder, *ENDLESS, "--aside", "--record", str(file)) as camera:
-        soon(lambda: size_of(file) > 5000)
+        wait_for_packets(file)
         os.kill(aside_of(camera.pid)[0], signal.SIGKILL)
         _, said = camera.communicate(timeout=60)
     assert camera.returncode == 2
