@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from evs.drivers.clock import Pacer, StopWatch, sleep_s
@@ -20,6 +21,8 @@ from evs.drivers.sink import Sink
 from evs.emulator.base.protocols import Meter, NoMeter
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, StreamInfo, make_events
 
+CALIBRATION = {"width": 4, "height": 3, "k": [1.0] * 9}
+
 
 class FakeCamera:
     plan = SimpleNamespace(compact=lambda: {"on": ["sky"]})
@@ -27,10 +30,11 @@ class FakeCamera:
     def __init__(self, name: str, dark: bool = False) -> None:
         self.info = StreamInfo(
             4, 3, camera=name, tick_us=1000, seed=5, versions={"mujoco": "4.0.0"},
-            camera_info={"k": [1.0] * 9},
+            camera_info=CALIBRATION,
         )  # fmt: skip
         self.traced_fraction = 0.25
         self.is_dark = dark
+        self.luminance = np.full((3, 4), 0.0 if dark else 0.5, np.float32)
         self.covered = ""
         self.clamps = 0
         self.events_dropped: dict[str, int] = {}
@@ -142,7 +146,7 @@ def test_a_whole_run() -> None:
     assert report.versions["mujoco"] == "4.0.0"
     assert [camera["name"] for camera in report.cameras] == ["a", "b"]
     assert [camera["events"] for camera in report.cameras] == [42, 42]
-    assert report.cameras[0]["camera_info"] == {"k": [1.0] * 9}
+    assert report.cameras[0]["camera_info"] == CALIBRATION
     assert report.cameras[0]["plan"] == {"on": ["sky"]}
     assert [said["type"] for said in report.sinks] == ["one", "two"]
     # each camera's once, when they begin
