@@ -3,7 +3,8 @@
 A table is a text file, the arrays of an NPZ file or the data sets of an HDF5 file. Names of columns
 decide what they hold; without names, their values do: time does not run backwards, polarity has two
 values, x and y are whole numbers on a sensor. The unit of time follows from the name of the column,
-from the layout, and from whether the times are whole, as far as the rate of events is possible.
+then from the layout, then from whether the times are whole, as far as the rate of events is
+possible.
 What cannot be decided is refused: a wrong guess would look like a recording.
 """
 
@@ -40,6 +41,8 @@ class Layout:
     """of time; empty: as `unit_of` decides"""
     path: str | None = None
     """group or data set in HDF5 files; None: text or arrays"""
+    beside: str = ""
+    """data set in the same group or at the root without which it is not this layout"""
     dtypes: tuple[str, ...] = ()
     """of t, x, y, p where these, with polarity -1 for OFF, tell the program"""
 
@@ -47,7 +50,8 @@ class Layout:
 LAYOUTS = (
     Layout("evs", ("t", "x", "y", "p")),
     Layout("vid2e", ("x", "y", "t", "p"), unit="ns", dtypes=("i8", "i2", "i2", "i1")),
-    Layout("TimeLens", ("x", "y", "t=timestamp", "p=polarity")),
+    Layout("tonic", ("x", "y", "t", "p"), unit="us", dtypes=("i8", "i2", "i2", "b1")),
+    Layout("TimeLens", ("x", "y", "t=timestamp", "p=polarity"), unit="us"),
     Layout("faery", ("t", "x", "y", "p=on")),
     Layout("others", ("t=timestamps", "x=x_px", "y=y_px", "p=pol")),
     Layout("others", ("t=time", "x=col", "y=row", "p=polarities")),
@@ -58,10 +62,10 @@ LAYOUTS = (
     Layout("MVSEC", ("x", "y", "t", "p"), named=False),
     Layout("batches", ("y", "x", "", "p", "t"), named=False),
     # HDF5; data sets of four columns have no names
-    Layout("DSEC", ("t", "x", "y", "p"), path="events"),
-    Layout("rpg", ("t=ts", "x=xs", "y=ys", "p=ps"), path="events"),
-    Layout("M3ED", ("t", "x", "y", "p"), path="prophesee/left"),
-    Layout("others", ("t", "x", "y", "p"), path=""),
+    Layout("DSEC", ("t", "x", "y", "p"), unit="us", path="events", beside="ms_to_idx"),
+    Layout("rpg", ("t=ts", "x=xs", "y=ys", "p=ps"), unit="s", path="events"),
+    Layout("M3ED", ("t", "x", "y", "p"), unit="us", path="prophesee/left"),
+    Layout("DSEC at the root", ("t", "x", "y", "p"), unit="us", path="", beside="ms_to_idx"),
     Layout("v2e", ("t", "x", "y", "p"), named=False, unit="us", path="events"),
     Layout("MVSEC", ("x", "y", "t", "p"), named=False, unit="s", path="davis/left/events"),
 )
@@ -82,6 +86,9 @@ _FEW, _MANY = 16, 1000
 
 _LOW_HZ, _HIGH_HZ = 1e-3, 1e3
 """mean rates of a pixel that are possible: a still view in the dark to a flood"""
+
+_LONGEST_US = 86_400e6
+"""a day: the times of a file that would last longer are in another unit than its layout's"""
 
 _UNIX_NS = 1e17
 """whole times from here on are ns of Unix time, which are 1.7e18; us are 1.7e15"""
@@ -115,6 +122,30 @@ class Table:
     """of t"""
     read_as: str
     """what was decided, in words"""
+
+
+def layout_of(
+    names: Sequence[str], path: str | None = None, beside: Sequence[str] = ()
+) -> Layout | None:
+    """Find the layout whose unit of time is known.
+
+    Args:
+        names: Of the columns; none: they have none.
+        path: Of the group or data set in an HDF5 file; None: arrays.
+        beside: Names of what else is in the group and at the root of that file.
+
+    Returns:
+        The layout; None: its place and names tell no unit.
+    """
+    held = {name.lower() for name in names}
+    left = path and path.replace("/right", "/left")
+    for one in LAYOUTS:
+        own = {column.rpartition("=")[2] for column in one.columns} if one.named else set()
+        named_so = own <= held if one.named else not held
+        there = one.path == left and (not one.beside or one.beside in beside)
+        if named_so and there and one.unit and not one.dtypes:
+            return one
+    return None
 
 
 def states_too_much(stated: int, stored: int) -> bool:
@@ -305,10 +336,11 @@ def _check_polarity(path: Any, p: Column) -> None:
 def unit_of(
     path: Any, sample: tuple[Column, ...], layout: Layout | None = None, with_point: bool = False
 ) -> str:
-    """Decide the unit of time from values.
+    """Decide the unit of time.
 
-    Whole times are us, others s, unless the pixels of the sensor would then have less than one
-    event in 1,000 s each. Which unit it is then, only a layout or the user can tell.
+    The layout's, where one is known. Otherwise whole times are us, others s, unless the pixels of
+    the sensor would then have less than one event in 1,000 s each. Which unit it is then, only the
+    user can tell.
 
     Args:
         path: The file, for messages.
@@ -322,15 +354,18 @@ def unit_of(
     Raises:
         EvsError: It cannot be decided.
     """
-    t, x, y, p = sample
+    t, x, y, _ = sample
+    if layout and layout.beside:
+        return layout.unit
+    layout = layout if layout and layout.unit else _layout_by_types(sample)
     finite = t[np.isfinite(t)] if t.dtype.kind == "f" else t
     if not len(finite):
         return "us"
+    # a few times in s may be whole
+    with_point = with_point or bool(layout and layout.unit == "s" and t.dtype.kind == "f")
     whole = bool((finite == np.floor(finite)).all()) and not (with_point and len(t) < _FEW)
-    dtypes = tuple(one.dtype.str[1:] for one in sample)
-    sign = len(p) > 0 and p.dtype.kind == "i" and bool((p != 0).all()) and int(p.min()) < 0
-    known = [one for one in LAYOUTS if one.dtypes == dtypes] if sign else []
-    usual = (known[0] if known else layout or LAYOUTS[0]).unit or ("us" if whole else "s")
+    known = layout is not None and whole == (layout.unit != "s")
+    usual = layout.unit if layout and known else "us" if whole else "s"
     # a damaged row in a hundred changes nothing
     early, late = np.quantile(finite.astype(np.float64), (0.01, 0.99)).tolist()
     if whole and early >= _UNIX_NS:
@@ -342,15 +377,30 @@ def unit_of(
         one: len(t) * 1e6 / max(span * UNITS[one], 1e-9) / max(pixels, 1.0) for one in choices
     }
     possible = [one for one, rate_hz in rates_hz.items() if _LOW_HZ <= rate_hz <= _HIGH_HZ]
-    if not known and (len(t) < _MANY or rates_hz.get(usual, _LOW_HZ) >= _LOW_HZ):
+    many = len(t) >= _MANY
+    if known:
+        flood = many and rates_hz[usual] > _HIGH_HZ and len(possible) > 0
+        sound = span * UNITS[usual] <= _LONGEST_US and not flood
+    else:
+        sound = not many or rates_hz[usual] >= _LOW_HZ
+    if sound:
         return usual
-    if len(t) >= _MANY and len(possible) == 1 and (known or not whole):
+    if many and len(possible) == 1 and (known or not whole):
         return possible[0]
     lasting = " or ".join(f"{one} ({span * UNITS[one] * 1e-6:.3g} s)" for one in choices)
     raise EvsError(
         f"{path} does not state the unit of its times, which may be {lasting}: give it, as in "
         f"--unit {choices[0]}"
     )
+
+
+def _layout_by_types(sample: tuple[Column, ...]) -> Layout | None:
+    """The layout that the types of t, x, y, p tell."""
+    p = sample[3]
+    dtypes = tuple(one.dtype.str[1:] for one in sample)
+    signed = len(p) > 0 and p.dtype.kind == "i" and bool((p != 0).all()) and int(p.min()) < 0
+    known = [one for one in LAYOUTS if one.dtypes == dtypes]
+    return known[0] if known and (signed or p.dtype.kind == "b") else None
 
 
 def events_of(

@@ -37,6 +37,7 @@ from evs.drivers.files.layouts import (
     Table,
     decide,
     events_of,
+    layout_of,
     named_columns,
     states_too_much,
 )
@@ -148,7 +149,8 @@ class Hdf5File(EventOnlyFile):
         elif self.source.count and (STREAM not in file or columns or unit):
             sample = self._rows(file, {}, slice(0, min(SAMPLE, self.source.count)))
             own_names = self.source.columns or self.source.fields
-            layouts = [one for one in LAYOUTS if one.path == chosen and not one.named]
+            group = own(file, chosen)
+            beside = [*file, *(group if hasattr(group, "keys") else ())]
             # data sets that the user named are in the order of t, x, y, p
             chosen_by_user = bool(self.source.columns and columns)
             self.table = decide(
@@ -157,7 +159,7 @@ class Hdf5File(EventOnlyFile):
                 (FIELDS if chosen_by_user else own_names) or None,
                 columns="" if self.source.columns else columns,
                 unit=unit,
-                layout=layouts[0] if layouts and not own_names and not columns else None,
+                layout=None if columns else layout_of(own_names, chosen, beside),
             )
             self.read_as = self.table.read_as
         return stated

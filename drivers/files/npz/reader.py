@@ -15,7 +15,15 @@ import numpy as np
 from evs.drivers.files.capabilities import MAX_SIDE_PX
 from evs.drivers.files.header_text import stream_from_json
 from evs.drivers.files.integrity import IntegrityReport, bad_values
-from evs.drivers.files.layouts import FIELDS, SAMPLE, Table, decide, events_of, named_columns
+from evs.drivers.files.layouts import (
+    FIELDS,
+    SAMPLE,
+    Table,
+    decide,
+    events_of,
+    layout_of,
+    named_columns,
+)
 from evs.drivers.files.npz.auxiliary import frames_in, imu_of, labels_of, merge_by_time, triggers_of
 from evs.drivers.files.npz.columns import (
     Arrays,
@@ -167,6 +175,7 @@ class NpzFile:
                 fields,
                 columns="" if len(self.arrays) > 1 else columns,
                 unit=unit,
+                layout=layout_of(fields, None) if fields and not columns else None,
             )
             self.read_as = self.table.read_as
         width = height = 0

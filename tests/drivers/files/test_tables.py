@@ -137,6 +137,10 @@ RIGHT = {"t": T[:9], "x": X[:9], "y": Y[:9], "p": P[:9]}
 
 HDF5: dict[str, tuple[dict[str, Any], str]] = {
     "rpg": ({"events/ts": T / 1e6, "events/xs": X, "events/ys": Y, "events/ps": P}, "times in s"),
+    "rpg in us": (
+        {"events/ts": T + 0.25, "events/xs": X, "events/ys": Y, "events/ps": P},
+        "times in us",
+    ),
     "float us": ({"events/t": T + 0.0, "events/x": X, "events/y": Y, "events/p": P}, "times in us"),
     "v2e": ({"events": np.stack([T, X, Y, P], 1).astype("u4")}, "columns t, x, y, p; times in us"),
     "compound": ({"events": structured(t=T, p=P, **U2)}, "times in us"),
@@ -175,6 +179,91 @@ def test_hdf5_of_others_is_read(tmp_path: Path, name: str) -> None:
         assert list(found.left_out.values()) == [9]
         with pytest.warns(files.LeftOutWarning, match=f"{COUNT} events of stream .*left"):
             assert len(files.read(path, stream="right")) == 9
+
+
+SPARSE_T = np.arange(1, 1501) * 100_001
+SPARSE = {
+    "t": SPARSE_T,
+    "x": np.resize(np.array([0, 639], "u2"), 1500),
+    "y": np.resize(np.array([479, 0, 7], "u2"), 1500),
+    "p": np.resize(np.array([1, 0, 0, 1, 0], "u1"), 1500),
+}
+S, US = SPARSE_T / 1e6, SPARSE_T.astype("i8")
+SIGNED = np.where(SPARSE["p"], 1, -1).astype("i1")
+PIXELS = {"x": SPARSE["x"].astype("i2"), "y": SPARSE["y"].astype("i2")}
+
+
+def under(path: str, **columns: Any) -> dict[str, Any]:
+    """The columns of a group; those of `SPARSE` where none are given."""
+    columns = {**{name: SPARSE[name] for name in "xyp"}, **columns}
+    return {f"{path}{name}": column for name, column in columns.items()}
+
+
+def rows(order: str, **columns: Any) -> Any:
+    return np.stack([{**SPARSE, **columns}[name] for name in order], 1)
+
+
+def table_of(dtype: list[tuple[str, str]]) -> Any:
+    table = np.zeros(1500, dtype)
+    for name in "xytp":
+        table[name] = SPARSE[name]
+    return table
+
+
+RPG = {"events/xs": SPARSE["x"], "events/ys": SPARSE["y"], "events/ps": SIGNED.astype(float)}
+INDEX = np.arange(3)
+KNOWN: dict[str, dict[str, Any]] = {
+    "rpg.h5": {**RPG, "events/ts": S},
+    "DSEC.h5": {**under("events/", t=US.astype("u4")), "ms_to_idx": INDEX, "t_offset": 0},
+    "DSEC as floats.h5": {**under("events/", t=US + 0.25), "ms_to_idx": INDEX},
+    "DSEC at the root.h5": {**under("", t=US), "ms_to_idx": INDEX},
+    "M3ED.h5": under("prophesee/left/", t=US, ms_map_idx=INDEX),
+    "M3ED's right.h5": under("prophesee/right/", t=US),
+    "MVSEC.h5": {"davis/left/events": rows("xytp", t=1.5e9 + S, p=SIGNED)},
+    "MVSEC's right.h5": {"davis/right/events": rows("xytp", t=S, p=SIGNED)},
+    "v2e.h5": {"events": rows("txyp").astype("u4")},
+    "Metavision.h5": {"CD/events": table_of([("x", "u2"), ("y", "u2"), ("p", "i2"), ("t", "i8")])},
+    "vid2e.npz": {**PIXELS, "t": US * 1000 + 7, "p": SIGNED},
+    "TimeLens.npz": {
+        "x": SPARSE["x"],
+        "y": SPARSE["y"],
+        "timestamp": US,
+        "polarity": SPARSE["p"],
+    },
+    "tonic.npz": {"events": table_of([("x", "i2"), ("y", "i2"), ("t", "i8"), ("p", "?")])},
+}
+
+
+@pytest.mark.parametrize("count", [1500, 12])
+@pytest.mark.parametrize("name", KNOWN)
+def test_a_known_layout_has_its_unit_however_few_events_there_are(
+    tmp_path: Path, name: str, count: int
+) -> None:
+    """Two and a half minutes with 5e-5 events per pixel and second; the first second of them."""
+    path = tmp_path / name
+    columns = {key: one[:count] if np.ndim(one) else one for key, one in KNOWN[name].items()}
+    save = save_h5 if path.suffix == ".h5" else lambda path, sets: np.savez(path, **sets)
+    save(path, columns)
+    base = 1_500_000_000_000_000 if name == "MVSEC.h5" else 0
+    found = make_events(*(SPARSE[field][:count] for field in "txyp"))
+    found["t"] += base
+    assert files.read(path).tobytes() == found.tobytes()
+
+
+def test_whole_seconds_of_few_events_are_seconds(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    sets = {f"events/{name}s": np.array([3.0, 4.0]) for name in "txy"}
+    save_h5(path, {**sets, "events/ps": np.ones(2)})
+    assert files.read(path)["t"].tolist() == [3_000_000, 4_000_000]
+
+
+@pytest.mark.parametrize("count", [1500, 12])
+def test_seconds_that_would_last_for_years_are_refused(tmp_path: Path, count: int) -> None:
+    path = tmp_path / "a.h5"
+    save_h5(path, {key: one[:count] for key, one in {**RPG, "events/ts": US + 0.25}.items()})
+    with pytest.raises(EvsError, match="does not state the unit of its times"):
+        files.read(path)
+    assert files.read(path, unit="us")["t"].tolist() == SPARSE_T[:count].tolist()
 
 
 AMBIGUOUS: dict[str, tuple[bytes, str]] = {
