@@ -11,6 +11,7 @@ import pytest
 
 from evs.drivers import files
 from evs.drivers.files.aedat2.davis import FrameAssembler, ImuAssembler
+from evs.drivers.files.reading import ReadAsWarning
 from evs.msgs import EvsError
 
 W, H = 240, 180
@@ -210,7 +211,8 @@ def test_the_size_of_a_sensor_without_a_name_has_room_for_its_frames(tmp_path: P
     path.write_bytes(b"#!AER-DAT2.0\r\n" + frame(light(1), 100) + pixel(1, 1, 1, 9000))
     stream = files.stream_of(path)
     assert (stream.width, stream.height, stream.frames) == (240, 180, True)
-    assert len(files.read(path).frames) == 1
+    with pytest.warns(ReadAsWarning, match="is read as davis240, since "):
+        assert len(files.read(path).frames) == 1
 
 
 def test_what_a_davis_recorded_becomes_aedat4_and_not_aedat2(tmp_path: Path) -> None:
