@@ -11,6 +11,7 @@
 //  carry little.
 #pragma once
 
+#include "geometry/camera.inl"
 #include "geometry/culling.inl"
 #include "incremental/clearance.inl"
 #include "integrators/sampler.inl"
