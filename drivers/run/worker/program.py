@@ -120,7 +120,9 @@ class SinkRunner:
         try:
             with disk_errors():
                 self._write(message)
-                self._update_due(message)
+                if isinstance(message, EventPacket):
+                    self.update_due(message.camera, message.time_end_us)
+                    self.update_wants()
         except SinkStoppedError as error:
             self._fail(stopped=str(error))
         except EvsError as error:
@@ -173,17 +175,18 @@ class SinkRunner:
             case Light(camera, t_us, luminance):
                 sink.write_light(camera, t_us, luminance)
 
-    def _update_due(self, message: Message) -> None:
-        """After an event packet, publish what is due now: it comes with a later tick."""
-        if not isinstance(message, EventPacket):
-            return
-        camera, t_us = message.camera, message.time_end_us
+    def update_due(self, camera: str, t_us: int) -> None:
+        """Publish what is due of a camera at the end of a tick; it comes with a later tick.
+
+        Args:
+            camera: Name of the camera.
+            t_us: Simulated time at the end of the tick, us.
+        """
         place, streams = self.cameras.index(camera), self._sink.streams
         if Stream.GROUND_TRUTH in streams and self._sink.wants_truth(camera, t_us):
             self._flags[shared_memory.TRUTH + place] = 1
         if Stream.LIGHT in streams and self._sink.wants_light(camera, t_us):
             self._flags[shared_memory.LIGHT + place] = 1
-        self.update_wants()
 
     def _fail(self, **message: str) -> None:
         self._failed = True
@@ -225,6 +228,9 @@ def main(link: int, number: int) -> None:
         reader = MessageReader(memory, ours)
         runner = SinkRunner(sink, tuple(stream.camera for stream in streams), memory, channel)
         runner.update_wants()
+        # known before the first tick, however far the camera is ahead of us later
+        for stream in streams:
+            runner.update_due(stream.camera, stream.start_us + stream.tick_us)
         with suppress(OSError):
             channel.send(opened=True)
         try:

@@ -156,7 +156,7 @@ class WorkerSink(Sink):
         self._put_other(messages.of_pace(pace))
 
     def wants_truth(self, camera: str, t_us: int) -> bool:  # noqa: ARG002
-        """Return whether it was due at a packet that the sink got, a tick or more before."""
+        """Return whether it was due at the first tick, or at a packet that the sink has got."""
         return self._flag(shared_memory.TRUTH, camera)
 
     def write_truth(self, camera: str, truth: GroundTruth) -> None:

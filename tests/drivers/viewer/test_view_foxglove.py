@@ -28,6 +28,7 @@ from evs.launch import main as program
 from evs.msgs import EventPacket, Events, EvsError, Frame, Pose, StreamInfo, make_events
 from evs.msgs.codecs import PayloadReader
 from evs.msgs.pictures import OFF_RGB, ON_RGB, PAPER
+from reference.worker_packets import INFO, aside
 from tests.support.full_disk import fill
 
 pytest.importorskip("foxglove", reason="the extra `foxglove` is not installed")
@@ -256,7 +257,7 @@ def test_a_run_records_for_foxglove(aside: str, tmp_path: Path) -> None:
         for _, channel, _ in mcap_reader.make_reader(data).iter_messages():
             found[channel.topic.removeprefix("/camera/")] += 1
     assert found["event_image"] == found["event_rate"] == found["camera_info"] == 10
-    # the first tick's, and then one in each picture's time; a worker asks when it comes to it
+    # the first tick's, and then one in each picture's time; a worker asks for these in its time
     least = 1 if aside == "true" else 11
     assert least <= found["luminance"] <= 11
     assert least <= found["/tf"] <= 11
@@ -264,6 +265,15 @@ def test_a_run_records_for_foxglove(aside: str, tmp_path: Path) -> None:
     assert found["events"] >= 10
     # an existing file is not replaced, and its neighbour is
     assert program.main(words) == 2
+
+
+def test_a_worker_wants_the_first_light_before_any_packet(
+    tmp_path: Path,
+) -> None:
+    sink = aside(type="foxglove", mcap=str(tmp_path / "run.mcap"))
+    sink.open([INFO])
+    assert sink.wants_light("eye", INFO.tick_us)
+    sink.close()
 
 
 class Client:
