@@ -58,10 +58,11 @@ EVS_ALWAYS_INLINE uint32_t crossing_time(double part, double span, double tick) 
   return whole + (static_cast<double>(static_cast<int32_t>(whole)) < inside ? 1u : 0u);
 }
 
-// The stamp of a level, which the signal has not passed `now`: it has moved by `part` there.
+// The stamp of a level, which the signal has not passed `now`: it has moved by `part` there, and by
+// `begin` now, which counts only if it bends.
 EVS_ALWAYS_INLINE uint32_t stamp_of(const Response& response, double part, bool up, uint32_t now,
-                                    uint32_t tick) {
-  if (response.bends) return reach_time(response, part, up, now, tick);
+                                    double begin, uint32_t tick) {
+  if (response.bends) return reach_time(response, part, up, now, begin, tick);
   const uint32_t exact = crossing_time(part, response.end, tick);
   return exact > now ? exact : now;
 }
@@ -133,7 +134,8 @@ struct Comparators {
         const double theta = up ? theta_on : -theta_off;
         const double level = r + theta;
         if (!up && !(level >= end)) break;
-        const uint32_t stamp = stamp_of(response, level - from, up, now, tick);
+        const double begin = response.moved(now / length);
+        const uint32_t stamp = stamp_of(response, level - from, up, now, begin, tick);
         if (NOISY && stamp > until) break;
         out.push_back(crossing(stamp, cause, up));
         r = level;

@@ -23,6 +23,7 @@ inline constexpr float kFaded = 0x1p-64f;  // log units
 inline constexpr float kSettled = 80.0f;   // e^-80 vanishes beside 1
 inline constexpr float kLongest = 0x1p100f;
 inline constexpr float kSeriesBelow = 0x1.8p-5f;
+inline constexpr float kVanished = 18.0f;  // 1 - e^-z is 1 from here on, in floats
 
 // The smaller of a number, without its sign, and a limit; a NaN counts as the limit. It is taken of
 // the bits, which have the order of such floats, because compilers vectorise it.
@@ -34,6 +35,9 @@ EVS_ALWAYS_INLINE float at_most(float value, float limit) {
 
 // a of z >= 0; z may be infinite, and a NaN counts as infinite. Relative error below 1e-6.
 EVS_ALWAYS_INLINE float lowpass_a(float any_z) { return one_minus_exp(at_most(any_z, kSettled)); }
+
+// The same of one pixel, sooner where it is 1.
+EVS_ALWAYS_INLINE float lowpass_share(float z) { return z >= kVanished ? 1.0f : lowpass_a(z); }
 
 // b of z and its a. Relative error below 4e-6.
 EVS_ALWAYS_INLINE float lowpass_b(float z, float a) {
@@ -108,6 +112,11 @@ EVS_ALWAYS_INLINE float large_signal_rate(float any_z, float y0, float x0) {
   return at_most(select(near, z, z * share), kLongest);
 }
 
+// The small signals of which that rate is z.
+EVS_ALWAYS_INLINE bool is_small_signal(float y0, float x0) {
+  return at_most(x0 - y0, kSettled) < 0x1p-12f;
+}
+
 EVS_ALWAYS_INLINE float large_signal(float any_z, float y0, float x0, float x1) {
   const float z = at_most(flush_to_zero(any_z, kSlowest), kLongest);
   const float s = x1 - x0;
@@ -139,6 +148,30 @@ EVS_ALWAYS_INLINE float large_signal(float any_z, float y0, float x0, float x1) 
   const float lost = select(rises_far, 0.0f, rho - (sum - 1.0f)) / u;
   const float y1 = (y0 - (ln(u) + lost)) + (shift - over);
   return flush_to_zero(select(z > 0.0f, y1, y0), kFaded);
+}
+
+// The same for a pixel in light: e^-z and e^-|m| vanish beside all that they are added to.
+EVS_ALWAYS_INLINE bool is_in_light(float z, float y0, float x0, float x1) {
+  constexpr float kMost = 16.0f;  // log units, by which its light differs
+  return (z >= 40.0f) & (z <= kLongest) & (at_most(x1 - x0, kSettled) < kMost) &
+         (at_most(x1 - y0, kSettled) < kMost);
+}
+
+EVS_ALWAYS_INLINE float large_signal_in_light(float z, float y0, float x0, float x1) {
+  const float s = x1 - x0;
+  const float v = 0.0f - (x1 - y0);
+  const float zg = select(s == 0.0f, 1.0f, z * (1.0f / (z - s)));
+  const ExpParts by_v = exp_parts(at_most(v, kSettled));
+  const bool falls = v > 0.0f;
+  const float e_v = exp_minus(by_v);
+  const float grown = 1.0f / e_v;
+  const float rho =
+      (zg - 1.0f) + zg * select(falls, one_minus_exp(by_v) * grown, -one_minus_exp(by_v));
+  const float sum = 1.0f + rho;
+  const bool rises_far = rho < -0.5f;
+  const float u = select(rises_far, zg * select(falls, grown, e_v), sum);
+  const float lost = select(rises_far, 0.0f, rho - (sum - 1.0f)) / u;
+  return flush_to_zero(y0 - (ln(u) + lost), kFaded);
 }
 
 }  // namespace evs

@@ -132,11 +132,12 @@ EVS_ALWAYS_INLINE void compare_simple(const PixelStep& step, size_t pixel, const
   }
   double r = reference;
   uint32_t now = 0;
+  double moved = 0.0;  // until now
   bool up = r + on <= end;
   do {
     // fire, and move the reference by a threshold
     const double level = r + select(up, on, -off);
-    const uint32_t stamp = stamp_of(response, level - from, up, now, step.tick.us);
+    const uint32_t stamp = stamp_of(response, level - from, up, now, moved, step.tick.us);
     out.push_back({static_cast<uint32_t>(pixel), (stamp << kTagBits) | tag | (up ? 1u : 0u)});
     r = level;
     now = stamp;
@@ -150,9 +151,13 @@ EVS_ALWAYS_INLINE void compare_simple(const PixelStep& step, size_t pixel, const
         break;
       }
       now = static_cast<uint32_t>(until);
-      r = on_grid(from + response.moved(now / tick));
+      moved = response.moved(now / tick);
+      r = on_grid(from + moved);
     }
     up = r + on <= end;
+    if constexpr (!REFRACTORY) {
+      if (up | (r - off >= end)) moved = response.moved(now / tick);
+    }
   } while (up | (r - off >= end));
   step.arrays.reference[pixel] = r - drift;
 }

@@ -161,21 +161,67 @@ EVS_ALWAYS_INLINE void follower_lags(const PixelStep& step, size_t first, size_t
   float* __restrict rate = s.a;
   float* __restrict share = s.b;
   float* __restrict lag = s.lag;
+  const float low = step.lowpass_low;
+  const float slope = step.lowpass_slope;
+  uint32_t large = 0;  // signals, whose rate is not z
   if (step.settings.steps_by_large_signal()) {
+    for (size_t i = 0; i < count; i++) large |= is_small_signal(p0[i], x0[i]) ? 0u : 1u;
+  }
+  if (large != 0) {
     for (size_t i = 0; i < count; i++) {
-      rate[i] = large_signal_rate(step.lowpass_low + step.lowpass_slope * dn[i], p0[i], x0[i]);
+      rate[i] = large_signal_rate(low + slope * dn[i], p0[i], x0[i]);
+    }
+  } else {
+    for (size_t i = 0; i < count; i++) rate[i] = at_most(low + slope * dn[i], kLongest);
+  }
+  uint32_t slow = 0;
+  for (size_t i = 0; i < count; i++) {
+    const float k = apart_from(rate[i], z);
+    rate[i] = k;
+    slow |= k >= kVanished ? 0u : 1u;
+  }
+  if (slow != 0) {
+    for (size_t i = 0; i < count; i++) {
+      const LowpassStep pole = lowpass_step(rate[i]);
+      share[i] = pole.a;
+      lag[i] = follower_lag(rate[i], pole, z, follower);
     }
   } else {
     for (size_t i = 0; i < count; i++) {
-      rate[i] = at_most(step.lowpass_low + step.lowpass_slope * dn[i], kLongest);
+      const LowpassStep pole = {1.0f, 1.0f - 1.0f / rate[i]};
+      share[i] = pole.a;
+      lag[i] = follower_lag(rate[i], pole, z, follower);
     }
   }
+}
+
+// The outputs of a block of large-signal photoreceptors at the end of the tick, into `s.a`.
+EVS_ALWAYS_INLINE void step_large_signals(const PixelStep& step, size_t first, size_t count,
+                                          Scratch& s) {
+  const float low = step.lowpass_low;
+  const float slope = step.lowpass_slope;
+  const float* __restrict y0 = step.arrays.filtered + first;
+  const float* __restrict x0 = step.arrays.last_log + first;
+  const float* __restrict x1 = s.log;
+  const float* __restrict dn = s.dn;
+  float* __restrict y1 = s.a;
+  uint32_t moving = 0;
+  uint32_t dark = 0;
   for (size_t i = 0; i < count; i++) {
-    const float k = apart_from(rate[i], z);
-    const LowpassStep pole = lowpass_step(k);
-    rate[i] = k;
-    share[i] = pole.a;
-    lag[i] = follower_lag(k, pole, z, follower);
+    const uint32_t bits = std::bit_cast<uint32_t>(x1[i]);
+    moving |= (bits ^ std::bit_cast<uint32_t>(x0[i])) | (bits ^ std::bit_cast<uint32_t>(y0[i]));
+    dark |= is_in_light(low + slope * dn[i], y0[i], x0[i], x1[i]) ? 0u : 1u;
+  }
+  if (moving == 0) {
+    for (size_t i = 0; i < count; i++) y1[i] = flush_to_zero(y0[i], kFaded);
+  } else if (dark == 0) {
+    for (size_t i = 0; i < count; i++) {
+      y1[i] = large_signal_in_light(low + slope * dn[i], y0[i], x0[i], x1[i]);
+    }
+  } else {
+    for (size_t i = 0; i < count; i++) {
+      y1[i] = large_signal(low + slope * dn[i], y0[i], x0[i], x1[i]);
+    }
   }
 }
 
@@ -202,9 +248,7 @@ EVS_ALWAYS_INLINE Signal limit_bandwidth(const PixelStep& step, size_t first, si
     if (euler) {
       filter(euler_step, last_log, s.log, last_log, s.log, state, count, s.from[0], changed);
     } else if (step.settings.steps_by_large_signal()) {
-      for (size_t i = 0; i < count; i++) {
-        s.a[i] = large_signal(low + slope * dn[i], state[i], last_log[i], s.log[i]);
-      }
+      step_large_signals(step, first, count, s);
       auto stepped = [=](size_t i, float, float, float) { return a[i]; };
       filter(stepped, last_log, s.log, last_log, s.log, state, count, s.from[0], changed);
     } else {
@@ -263,7 +307,7 @@ EVS_CALL_ON_DEVICE inline Response response_of(const PixelStep& step, size_t fir
     const float p0 = s.from[0][i];
     response.k =
         follows ? s.a[i] : photoreceptor_rate(step, s.dn[i], p0, arrays.last_log[first + i]);
-    a = follows ? s.b[i] : lowpass_a(response.k);
+    a = follows ? s.b[i] : lowpass_share(response.k);
     response.settling = response.k > 0.0f ? 1.0 / response.k : 0.0;
     const double bend = span - (static_cast<double>(arrays.filtered[first + i]) - p0);
     response.first = a > 0.0 ? -(bend / a) : 0.0;

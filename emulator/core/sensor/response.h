@@ -35,16 +35,16 @@ struct Response {
     double y, rise, bend;
   };
   Point at(double u) const {
-    const double a = lowpass_a(k * static_cast<float>(u));
-    const double b = lowpass_a(z * static_cast<float>(u));
+    const double a = lowpass_share(k * static_cast<float>(u));
+    const double b = lowpass_share(z * static_cast<float>(u));
     const double fast = first * (k * (1.0 - a));
     const double slow = second * (z * (1.0 - b));
     return {slope * u + (first * a + second * b), slope + (fast + slow), -(k * fast + z * slow)};
   }
   double moved(double u) const {
     if (!bends || u >= 1.0) return end * u;
-    const double a = lowpass_a(k * static_cast<float>(u));
-    const double b = lowpass_a(z * static_cast<float>(u));
+    const double a = lowpass_share(k * static_cast<float>(u));
+    const double b = lowpass_share(z * static_cast<float>(u));
     return slope * u + (first * a + second * b);
   }
 
@@ -114,12 +114,11 @@ EVS_CALL_ON_DEVICE inline double share_at(const Response& response, double level
 }
 
 // Microseconds after the start of the tick at which the signal has moved by `level`, rounded up;
-// in [now, tick].
+// in [now, tick]. It has moved by `begin` now.
 EVS_ALWAYS_INLINE uint32_t reach_time(const Response& response, double level, bool up, uint32_t now,
-                                      uint32_t tick_us) {
+                                      double begin, uint32_t tick_us) {
   const double tick = tick_us;
-  const double share = now / tick;
-  const double exact = share_at(response, level, up, share, response.moved(share), tick) * tick;
+  const double exact = share_at(response, level, up, now / tick, begin, tick) * tick;
   const double late = exact > 1.0 ? exact : 1.0;
   const double inside = late < tick ? late : tick;
   const uint32_t whole = static_cast<uint32_t>(static_cast<int32_t>(inside));
