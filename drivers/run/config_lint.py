@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from evs.emulator.config.sensor import WHITE_DN
+from evs.emulator.config.sensor import BRIGHTEST_DN, WHITE_DN
 
 LEAST_THRESHOLD = 0.01
 """log units; v2e's floor, a tenth of what real pixels reach"""
@@ -14,8 +14,6 @@ MOST_THRESHOLD = 2.0
 """log units: seven times the light for one event; real pixels reach 0.6"""
 LEAST_FOVY_DEG = math.pi
 """a view so narrow was hardly meant in degrees"""
-BRIGHTEST = 20.0
-"""mean light of a picture, 1 = white"""
 MUCH_AT_FLOOR = 0.02
 """share of the pixels"""
 LONG_BLIND_S = 0.1
@@ -80,7 +78,7 @@ def _view(calibration: Mapping[str, Any]) -> Iterator[str]:
 def _light(sensor: Mapping[str, Any], luminance: float) -> Iterator[str]:
     exposure_dn = sensor.get("exposure_dn") or WHITE_DN
     dn = luminance * exposure_dn
-    if BRIGHTEST * WHITE_DN < dn < math.inf:
+    if BRIGHTEST_DN < dn < math.inf:
         yield (
             f"its picture has a mean luminance of {luminance:.3g}, {dn:,.0f} DN where 255 is "
             "white: make the lights weaker, or give "

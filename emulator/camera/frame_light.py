@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from evs.emulator import _core
 from evs.emulator.base.scene import F32, F64
+from evs.emulator.config.sensor import BRIGHTEST_DN
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError, unknown
 
@@ -205,9 +206,6 @@ class FrameLight:
             if self.unit in self._scale:
                 self.light *= np.float32(self._scale[self.unit])
 
-
-BRIGHTEST_DN = 20.0 * 255.0
-"""mean light of a frame: more is another unit"""
 
 _CHANNELS = ((), (3,), (4,))
 """What may stand behind height and width in a shape."""

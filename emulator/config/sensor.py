@@ -81,6 +81,9 @@ MAX_SIDE_PX = 8192
 WHITE_DN = 255.0
 """DN of scene white; values above it are not clipped."""
 
+BRIGHTEST_DN = 20.0 * WHITE_DN
+"""of a whole picture on average: more is probably another unit"""
+
 Vector = tuple[float, float, float]
 
 
