@@ -168,7 +168,8 @@ class RunStatistics:
                 if camera.is_dark:
                     lines.append(
                         f"camera '{name}' sees nothing lit, the picture is dark: give "
-                        "the scene a light, or use its headlight (render.headlight=model)"
+                        "the scene a light, or use its headlight (render.headlight=model); if all "
+                        "of it is nearer than the near plane, lower camera.near_m"
                     )
             if camera.clamps and camera.info.camera not in self._warned_clamps:
                 name = camera.info.camera

@@ -91,4 +91,4 @@ def test_it_works_away_from_the_checkout(wheel: Path, tmp_path: Path) -> None:
     assert package == str(tmp_path / "site/evs/__init__.py")
     assert core.startswith(str(tmp_path / "site/evs/emulator/_core."))
     assert version == wheel.name.split("-")[1]
-    assert "evs.launch.main:main" in ran.stdout
+    assert "evs.__main__:main" in ran.stdout

@@ -20,6 +20,7 @@ _CODE = """
 import resource, sys
 from evs.tools.stress.memory import address_space
 from evs.launch.main import main
+import evs.launch.commands.emulate
 memory, file = int(sys.argv[1]), int(sys.argv[2])
 if file:
     resource.setrlimit(resource.RLIMIT_FSIZE, (file, file))

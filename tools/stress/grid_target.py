@@ -41,7 +41,7 @@ def grid_mjcf(levels: Sequence[float], plate_px: int, more: str = "") -> str:
         f'pos="{(k + 0.5) * plate_px} 0 0" material="level{k}"/>'
         for k in range(len(levels))
     )
-    return f"""<mujoco><option timestep="1000"/>
+    return f"""<mujoco><option timestep="1000"/><statistic extent="1"/>
 <visual><headlight active="0"/></visual><asset>{materials}</asset>
 <worldbody><camera name="eye" pos="0 0 9" {ORTHOGRAPHIC} fovy="{HEIGHT_PX}"/>
 <body name="wall" mocap="true">{plates}</body>{more}</worldbody></mujoco>"""

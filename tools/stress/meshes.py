@@ -35,7 +35,8 @@ NUMBERS = """<mujoco><asset><mesh name="cube" file="cube.msh" inertia="shell"/>
 <worldbody><camera pos="0 0 9"/><geom type="mesh" mesh="cube"/>
 <geom type="hfield" hfield="hills"/></worldbody></mujoco>"""
 
-SOLID = """<mujoco><asset>{}</asset><worldbody><camera name="eye" pos="0 0 5" fovy="45"/>
+SOLID = """<mujoco><statistic extent="9"/><asset>{}</asset><worldbody>
+<camera name="eye" pos="0 0 5" fovy="45"/>
 <geom type="box" size="9 9 .1" pos="0 0 -3" rgba=".4 .5 .6 1"/>
 <body name="thing" mocap="true" quat=".9 .3 .2 .1"><geom {} rgba=".8 .3 .2 1" contype="0"
  conaffinity="0"/></body></worldbody></mujoco>"""

@@ -170,7 +170,7 @@ def _crowd(side: int, together: bool) -> str:
             else f"<body {where}>{slide}{ball.format(red, '')}</body>"
         )  # fmt: skip
     inside = f"<body>{slide}{''.join(balls)}</body>" if together else "".join(balls)
-    return f"""<mujoco><option timestep=".001" gravity="0 0 0"/><worldbody>
+    return f"""<mujoco><option timestep=".001" gravity="0 0 0" solver="CG"/><worldbody>
 {EYE.format(1.25 * side)}{inside}</worldbody></mujoco>"""
 
 
