@@ -185,8 +185,9 @@ struct NoisyComparators {
 
   // The mean rate of first passages over a straight way from x to x + length.
   double mean_rate(double x, double length) const {
-    return kPassageTable.rate_at(band.shift, x) *
-           mean_over_way(x, kPassageTable.slope_at(x), length);
+    const double within = x > kNearest ? x : kNearest;
+    return kPassageTable.rate_at(band.shift, within) *
+           mean_over_way(within, kPassageTable.slope_at(within), length);
   }
 
   NoiseLevel level(double x0, double x1, double passages) const {
@@ -217,15 +218,15 @@ struct NoisyComparators {
       place.x = std::max(level.x1, kPassageTable.level_of_loss(start + used));
     }
     for (int i = 0; i < 4; i++) {
-      const double x = place.x;
-      const double gone = level.x0 - x;
+      const double x = place.x > kNearest ? place.x : kNearest;
+      const double gone = level.x0 - place.x;
       const double slope = kPassageTable.slope_at(x);
       const double passing = rate * kPassageTable.rate_at(band.shift, x);
       const double random = passing * gone * mean_over_way(x, slope, gone);
       if (random < 0.01 * used) break;
       // from behind the place, the nearer of two estimates: for a hazard that is exponential in x,
       // and for one that is constant
-      const double all = random + kPassageTable.loss_at(x) - start;
+      const double all = random + kPassageTable.loss_at(place.x) - start;
       double before = gone - 2.0 * all * (all - used) / ((all + used) * (passing + slope));
       if (all > used) before = std::max(before, gone * (used / all));
       place = {std::clamp(level.x0 - before, level.x1, farthest), passing > slope};
@@ -280,6 +281,18 @@ struct NoisyComparators {
     return std::clamp((at - begin) / part, 0.0, 1.0);
   }
 
+  // How much of a long step to step first, us: until the noise has lost its memory, then, where an
+  // event comes, until a level is so near that it comes before.
+  double part_of_long(const NoiseStep& step, double end) const {
+    if (memory > 0.0) return kForgets / band.decay;
+    const double above = signal - r;
+    const double moves = (signal_at(end) - r) - above;
+    const double distance = moves > 0.0 ? pixel.theta_on - above : pixel.theta_off + above;
+    const NoiseLevel& level = moves > 0.0 ? step.on : step.off;
+    if (!(level.x1 < kPassed && level.x0 > kNearest)) return end - now;
+    return (distance - kNearest * band.sigma) / std::abs(moves) * (end - now);
+  }
+
   // Step up to `until`, with all events before it; false if the pixel is blind for the rest.
   bool advance(double until, bool is_whole, std::vector<Crossing>& out) {
     double end = until;
@@ -295,6 +308,13 @@ struct NoisyComparators {
         continue;
       }
       const double hazard = random + (step.on.moving + step.off.moving);
+      if (band.decay * dt > kLongStep && (memory > 0.0 || !(hazard < budget))) {
+        const double sooner = part_of_long(step, end);
+        if (sooner < dt) {
+          end = now + std::max(1.0, sooner);
+          continue;
+        }
+      }
       if (hazard < budget) {
         budget = budget_left(budget, hazard);
         go_to(end);

@@ -27,10 +27,13 @@ inline constexpr uint64_t kTermPhotonNoise = 10;
 
 inline constexpr float kFarLevel = 6.0f;       // deviations; a level beyond is not reached
 inline constexpr double kPassed = -7.0;        // a level beyond was passed for certain
+inline constexpr double kNearest = -3.0;       // the fits of rate and slope begin here
 inline constexpr double kCertain = 30.0;       // no budget is larger
 inline constexpr float kForgotten = 0x1p-10f;  // a smaller memory counts as none
 inline constexpr double kKnown = 0.1;          // a smaller memory moves levels little
 inline constexpr double kShortStep = 0.25;     // of the time in which memory is lost
+inline constexpr double kLongStep = 20.0;      // of the same; longer steps are cut
+inline constexpr double kForgets = 7.0;        // of the same, in which all memory is lost
 inline constexpr float kCoarseParts = 50.0f;   // of the budget; steps with more than one are short
 inline constexpr float kBeyondBudgets = 1e6f;  // hazard
 inline constexpr double kLeastBudget = 0x1p-46;

@@ -55,7 +55,7 @@ def shares(z: F32) -> tuple[F32, F32]:
     a = 1 - e^-z and b = 1 - a / z, float32 as z; a NaN counts as infinite.
     """
     most = np.where(z < FOR_EVER, z, FOR_EVER)
-    z = np.where(z < SETTLED, z, SETTLED)
+    z = at_most(z, SETTLED)
     a = one_minus_exp(z)
     with np.errstate(under="ignore"):
         # (e^-z - 1 + z) / z = z / 2 - z^2 / 6 + ...

@@ -30,10 +30,10 @@ from evs.emulator.sensor.reference.light import natural_log
 from evs.emulator.sensor.reference.noise import ROW_READ, hash_bits, leak, on_grid, uniform
 from evs.msgs import Cause
 
-FAR, PASSED, CERTAIN = 6.0, -7.0, 30.0
+FAR, PASSED, NEAREST, CERTAIN = 6.0, -7.0, -3.0, 30.0
 FORGOTTEN, KNOWN = 2.0**-10, 0.1
 LEAST_BUDGET = 2.0**-46
-SHORT_STEP, COARSE_PARTS = 0.25, 50.0
+SHORT_STEP, LONG_STEP, FORGETS, COARSE_PARTS = 0.25, 20.0, 7.0, 50.0
 CELLS = 512
 
 _EXP2 = "0x1.c0d85ep-7 0x1.43ef6ap-4 0x1.5bdfb0p-2 0x1.f5df8cp-1 0x1.6a09eap+0"
@@ -602,9 +602,10 @@ class NoisyPixel:
         x = min(x0, x1)
         if x >= FAR:
             return Level(x0, x1)
-        mean = mean_over_way(x, slope_at(x), abs(x1 - x0))
+        within = max(x, NEAREST)
+        mean = mean_over_way(within, slope_at(within), abs(x1 - x0))
         moving = loss_at(x1) - loss_at(x0) if x1 < x0 else 0.0
-        random = passages * (rate_at(self.band.shift, x) * mean)
+        random = passages * (rate_at(self.band.shift, within) * mean)
         return Level(x0, x1, random, CERTAIN if x1 < PASSED else moving)
 
     def _step_to(self, end: float) -> Step:
@@ -642,10 +643,10 @@ class NoisyPixel:
         if level.moving > used:
             place = max(level.x1, level_of_loss(start + used))
         for _ in range(4):
-            gone = level.x0 - place
-            slope = slope_at(place)
-            passing = rate * rate_at(self.band.shift, place)
-            random = passing * gone * mean_over_way(place, slope, gone)
+            within, gone = max(place, NEAREST), level.x0 - place
+            slope = slope_at(within)
+            passing = rate * rate_at(self.band.shift, within)
+            random = passing * gone * mean_over_way(within, slope, gone)
             if random < 0.01 * used:
                 break
             every = random + loss_at(place) - start
@@ -683,6 +684,19 @@ class NoisyPixel:
         at = both.share_at(moved + left if up else moved - left, up, begin, moved, p.tick_us)
         return max(0.0, min(1.0, (at - begin) / part))
 
+    def _part_of_long(self, step: Step, end: float) -> float:
+        """How much of a long step to step first, us."""
+        p, band = self.p, self.band
+        if self.memory > 0.0:
+            return FORGETS / band.decay
+        above = self._signal(self.now) - self.r
+        moves = (self._signal(end) - self.r) - above
+        distance = p.on - above if moves > 0.0 else p.off + above
+        level = step.on if moves > 0.0 else step.off
+        if not (level.x1 < PASSED and level.x0 > NEAREST):
+            return end - self.now
+        return (distance - NEAREST * band.sigma) / abs(moves) * (end - self.now)
+
     def _advance(self, until: float, whole: Step | None) -> int | None:
         """Up to `until`; when the pixel is blind beyond the tick, until when."""
         p, band, end = self.p, self.band, until
@@ -697,6 +711,11 @@ class NoisyPixel:
                 end = self.now + max(1.0, 0.9 * SHORT_STEP / band.decay)
                 continue
             hazard = random + (step.on.moving + step.off.moving)
+            if band.decay * dt > LONG_STEP and (self.memory > 0.0 or not hazard < self.budget):
+                sooner = self._part_of_long(step, end)
+                if sooner < dt:
+                    end = self.now + max(1.0, sooner)
+                    continue
             if hazard < self.budget:
                 self.budget = budget_left(self.budget, hazard)
                 self.now, self.mean, self.memory, end = end, step.mean1, step.memory1, until

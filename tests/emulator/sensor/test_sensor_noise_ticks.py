@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from evs import SensorConfig
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor import SensorParameters
+from evs.emulator.sensor.presets import resolve_sensor
 from evs.msgs import Events
 from reference.waves import MIDDLE, Waves, run
 
@@ -70,6 +72,30 @@ def test_moving_light_and_noise_have_the_same_rates(tick_us: int) -> None:
     assert b.sum() > 50_000
     chi_square = ((a - b) ** 2 / (a + b)).sum()
     assert chi_square < stats.chi2.ppf(0.999, 100)
+
+
+def triangle(t_us: float) -> F32:
+    """Light that rises by e^3 in 2 s and falls again."""
+    light = 0.05 * math.exp(3.0 - 3.0 * abs(t_us / SECOND / 2.0 - 1.0))
+    return np.full((16, 16), light, np.float32)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("hz", [30.0, 0.0], ids=["leak", "signal"])
+@pytest.mark.parametrize("preset", ["davis346", "dvs128", "dvxplorer", "genx320", "imx636"])
+def test_photon_noise_loses_no_event_in_long_ticks(preset: str, hz: float) -> None:
+    """Counts of ON and OFF by leak in still light, and by light that rises and falls, per second.
+
+    Without the high pass of genx320, which is no line in a tick longer than its time constant.
+    """
+    sensor = resolve_sensor(SensorConfig(preset, width=16, height=16))
+    sensor = replace(sensor, leak_rate_hz=hz, highpass_hz=0.0)
+    light, end_us = ((lambda t_us: triangle(SECOND)), 2 * SECOND) if hz else (triangle, 4 * SECOND)
+    counts = []
+    for tick_us in (1000, 10_000, 100_000, 250_000, 500_000, SECOND, 2 * SECOND):
+        events = run(sensor, light, tick_us, end_us)
+        counts.append(np.bincount(events["p"], minlength=2) / (256 * end_us / SECOND))
+    np.testing.assert_allclose(counts, np.broadcast_to(counts[0], (7, 2)), rtol=0.03, atol=0.15)
 
 
 RISE = np.linspace(0.55, 1.95, SIDE * SIDE).reshape(SIDE, SIDE)

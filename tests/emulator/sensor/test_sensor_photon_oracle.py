@@ -60,6 +60,13 @@ def test_native_is_the_oracle(terms: dict[str, Any], tick_us: int) -> None:
     assert events > 0
 
 
+@pytest.mark.parametrize("name", ["as it is", "high pass"])
+def test_native_is_the_oracle_in_long_ticks(name: str) -> None:
+    sensor = replace(SENSOR, **{"photocurrent_pa": 3.0, "leak_rate_hz": 20.0, **TERMS[name]})
+    moving = dict(films(2))["moving"]
+    assert same_as_oracle(sensor, moving, 100_000, "moving") > 100
+
+
 def test_native_is_the_oracle_behind_a_running_mean() -> None:
     for film, frames in films(40):
         same_as_oracle(SENSOR, frames, 1000, film, RunningMeanConstants())
