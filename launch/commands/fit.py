@@ -18,6 +18,9 @@ BASE = "davis346"
 
 HEADINGS = ("key", "value", "error", "from", "")
 
+REPLAY_HEADINGS = ("in the same light", "events", "the fitted sensor's", "ON share",
+                   "the fitted sensor's", "")  # fmt: skip
+
 EXAMPLES = """\
 examples:
   evs fit --dark cap.aedat4 --ramp ramp.aedat4 --contrast 4 -o mine.toml
@@ -72,11 +75,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fit; the exit code."""
     # here, so that --help is quick
+    from evs.drivers.pictures import write_png
     from evs.drivers.run.report import check_targets, write_whole
     from evs.emulator.config import SensorConfig
     from evs.emulator.sensor import resolve_sensor
     from evs.launch.support import terminal
     from evs.tools.fit import CANNOT, fit_camera, sensor_toml
+    from evs.tools.fit.picture import fit_page
 
     output = _ending(args.output, "-o", ".toml")
     picture = _ending(args.picture, "--picture", ".png")
@@ -87,15 +92,22 @@ def run(args: argparse.Namespace) -> int:
     toml = sensor_toml(fitted, args.base)
     if output is not None:
         write_whole(toml, output)
+    shown = args.json != "-" and not args.quiet
+    pairs = _replays(fitted, toml) if shown or picture is not None else []
     if picture is not None:
-        _draw(fitted, toml, picture, output)
+        name = "fitted sensor" if output is None else output.stem
+        write_png(picture, fit_page(pairs, name), few_colours=True)
     text = json.dumps([one.plain() for one in fitted.estimates], indent=2, allow_nan=False)
     if numbers is not None:
         write_whole(text + "\n", numbers)
     if args.json == "-":
         print(text)
-    elif not args.quiet:
+    if shown:
         terminal.table("the camera", HEADINGS, _rows(fitted))
+        replays = [_replay_row(one, replay) for one, replay in pairs if replay is not None]
+        if replays:
+            print()
+            terminal.table("the replay", REPLAY_HEADINGS, replays)
         lost = [one for one in fitted.estimates if not one.told]
         if lost:
             print(f"\n{CANNOT}:")
@@ -156,18 +168,20 @@ def _rows(fitted: FittedCamera) -> list[tuple[str, ...]]:
     return rows
 
 
-def _draw(fitted: FittedCamera, toml: str, picture: Path, output: Path | None) -> None:
-    """Draw the recordings beside the sensor of the file."""
+def _replays(fitted: FittedCamera, toml: str) -> list[tuple[Light, Observed | None]]:
+    """The recordings, each with the events of the file's sensor in the same light."""
     import tempfile
 
-    from evs.drivers.pictures import write_png
     from evs.tools.fit import cut_to_frames, replayed
-    from evs.tools.fit.picture import fit_page
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "fitted.toml"
         path.write_text(toml, encoding="utf-8")
         lights = [cut_to_frames(one) for one in fitted.lights]
-        pairs = [(one, replayed(one, str(path))) for one in lights]
-    name = "fitted sensor" if output is None else output.stem
-    write_png(picture, fit_page(pairs, name), few_colours=True)
+        return [(one, replayed(one, str(path))) for one in lights]
+
+
+def _replay_row(light: Light, replay: Observed) -> tuple[str, ...]:
+    pair = (light.seen, replay)
+    counts, shares = [f"{len(o.events):,}" for o in pair], [f"{o.on.mean():.2f}" for o in pair]
+    return (light.seen.source, *counts, *shares, "")

@@ -46,6 +46,13 @@ def test_a_sensor_file_of_two_recordings(folder: Path, capsys) -> None:
     assert "pos_thres" in shown
     assert "cannot be told from this recording:" in shown
     assert "shot_noise_rate_hz: 0 OFF events" in shown
+    rows = shown.partition("the replay\n")[2].splitlines()[1:3]
+    for row, name in zip(rows, ("cap.npz", "ramp.npz"), strict=True):
+        source, *cells = row.replace(",", "").split()
+        events, replayed, share, replayed_share = map(float, cells)
+        assert source == name
+        assert abs(replayed / events - 1.0) < 0.1
+        assert abs(replayed_share - share) <= 0.01
     values = tomllib.loads(out.read_text())
     assert abs(values["pos_thres"] - 0.21) < 0.005
     assert abs(values["leak_rate_hz"] - 0.5) < 0.05

@@ -38,6 +38,8 @@ class Light:
     """of lamp and ramp: brightest light over darkest"""
     period_s: float | None = None
     """of lamp and ramp; None: from the events"""
+    dark_dn: float = 0.0
+    """dark level of its frames, of white 255"""
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class FittedCamera:
 
     base: SensorParameters
     lights: tuple[Light, ...]
-    """with the periods that were found"""
+    """with the periods and dark levels that were found"""
     estimates: tuple[Estimate, ...] = field(default=())
 
     def __getitem__(self, key: str) -> Estimate:
@@ -98,9 +100,10 @@ def fit_camera(lights: list[Light], base: SensorParameters) -> FittedCamera:
     found = list(by_lamp)
     for one in by_ramp:
         found += _by_ramp(one, leaks, blind_s)
-    for one in lights:
+    for place, one in enumerate(lights):
         if one.seen.frames:
-            by_frames = fit_frames(one.seen, blind_s)
+            by_frames, dark_dn = fit_frames(one.seen, blind_s)
+            lights[place] = replace(one, dark_dn=dark_dn)
             # views that stand tell leak and light apart
             found += [e for e in by_frames if not backgrounds or e.key != LEAK]
     if backgrounds:

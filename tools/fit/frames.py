@@ -130,24 +130,50 @@ def frame_light(seen: Observed) -> FrameLight:
     return FrameLight(mid[keep], dn)
 
 
-def fit_frames(seen: Observed, blind_s: tuple[float, float] = (0.0, 0.0)) -> tuple[Estimate, ...]:
+def standing(dn: F32, dark: float, theta: float) -> Mask:
+    """(pixels,) those whose light stands: what moves in their frames is noise.
+
+    Args:
+        dn: (frames, pixels) light of the frames, white is 255.
+        dark: Dark level of the frames.
+        theta: Threshold of the pixels, log units.
+    """
+    over = dn - dark
+    usable = np.all((over >= LEAST) & (dn < BRIGHTEST * WHITE), axis=0)
+    # the frames have noise: means of several stand more still
+    size = max(len(over) // 6, 2)
+    parts = [np.log(np.maximum(over[k : k + size].mean(axis=0), 1.0))
+             for k in range(0, len(over) - size + 1, size)]  # fmt: skip
+    each = np.log(np.maximum(over, 1.0))
+    still = usable & (np.ptp(np.array(parts), axis=0) < STILL * theta)
+    still &= np.std(each, axis=0) < 2.0 * STILL * theta
+    # what passes quickly hardly moves the means
+    return np.asarray(still & (np.abs(each - each.mean(axis=0)).max(axis=0) < theta))
+
+
+def fit_frames(
+    seen: Observed, blind_s: tuple[float, float] = (0.0, 0.0)
+) -> tuple[tuple[Estimate, ...], float]:
     """Fit both thresholds, their mismatch and the leak.
 
     Args:
         seen: A recording with frames, in which the light of many pixels changes slowly.
         blind_s: The time for which a pixel is blind after an event, and its standard error.
+
+    Returns:
+        (the estimates, the dark level of the frames, of white 255; 0: not known).
     """
     light = frame_light(seen)
     keys = (*KEYS[:3], LEAK)
 
     if len(light.mid_us) < FEWEST_FRAMES:
         reason = f"{len(light.mid_us)} intensity frames of its size"
-        return tuple(cannot(key, seen.source, reason) for key in keys)
+        return tuple(cannot(key, seen.source, reason) for key in keys), USUAL_DARK
 
-    def refuse(reason: str) -> tuple[Estimate, ...]:
+    def refuse(reason: str) -> tuple[tuple[Estimate, ...], float]:
         leak = _still_leak(seen, light, USUAL_DARK, USUAL_THRESHOLD)
         leak = leak or cannot(LEAK, seen.source, reason)
-        return (*(cannot(key, seen.source, reason) for key in keys[:3]), leak)
+        return (*(cannot(key, seen.source, reason) for key in keys[:3]), leak), USUAL_DARK
 
     fit = _Fit(seen, light, blind_s[0])
     dark, lag_s, dark_error = 0.0, 0.0, 0.0
@@ -193,7 +219,7 @@ def fit_frames(seen: Observed, blind_s: tuple[float, float] = (0.0, 0.0)) -> tup
         leak = _moving_leak(seen, best)
     if not all(one.told for one in thresholds):
         spread = cannot(keys[2], seen.source, "the thresholds cannot be told")
-    return (*thresholds, spread, leak)
+    return (*thresholds, spread, leak), dark
 
 
 def _spread(seen: Observed, best: _Solution, relative: float) -> Estimate:
@@ -224,16 +250,7 @@ def _moving_leak(seen: Observed, best: _Solution) -> Estimate:
 def _still_leak(seen: Observed, light: FrameLight, dark: float, theta: float) -> Estimate | None:
     """The leak by the ON events of pixels whose light stands; None: there are too few of them."""
     some = np.linspace(0.0, len(light.dn) - 1.0, min(len(light.dn), MOST_FRAMES)).astype(np.int64)
-    dn = light.dn[some]
-    over = dn - dark
-    usable = np.all((over >= LEAST) & (dn < BRIGHTEST * WHITE), axis=0)
-    # the frames have noise: means of several stand more still
-    size = max(len(over) // 6, 2)
-    parts = [np.log(np.maximum(over[k : k + size].mean(axis=0), 1.0))
-             for k in range(0, len(over) - size + 1, size)]  # fmt: skip
-    each = np.log(np.maximum(over, 1.0))
-    still = usable & (np.ptp(np.array(parts), axis=0) < STILL * theta)
-    still &= np.std(each, axis=0) < 2.0 * STILL * theta
+    still = standing(light.dn[some], dark, theta)
     seconds = seen.seconds
     count = int(still.sum())
     ons, offs = seen.on_counts[still], seen.off_counts[still]

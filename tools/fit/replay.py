@@ -8,11 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from evs.emulator.base.scene import F32
 from evs.emulator.config import SensorConfig
 from evs.emulator.simulation.pixels import Pixels
 from evs.msgs import EvsError
 from evs.tools.fit.camera import Light
-from evs.tools.fit.observed import F64, Observed
+from evs.tools.fit.frames import FEWEST_PIXELS, WHITE, frame_light, standing
+from evs.tools.fit.observed import Observed
 
 STEPS = 16
 """frames of a rise, or of a fall; between them log light is straight"""
@@ -22,22 +24,30 @@ STILL_US = 100_000
 WARM_S = 5.0
 """before a recording begins: what the pixels had done before it"""
 
+MOST_S = 300.0
+"""longest recording that is replayed"""
+
 BLINK_US = (50, 1.3)
 """the first frame after a flank, and by what factor the next ones follow later"""
+
+NOISY, FAR = 1.5, 6.0
+"""deviation of a pixel in frames and its farthest frame, in deviations of the frames' noise"""
 
 DIM_LUX = 100.0
 """of a lamp or a scene whose light is not known"""
 
 
 def replayed(light: Light, sensor: str | SensorConfig, seed: int = 0) -> Observed | None:
-    """The events of the sensor in this light, for as long as the recording; None: it is not known.
+    """The events of the sensor in this light, for as long as the recording.
+
+    None: the light is not known, or the recording is longer than MOST_S.
 
     Args:
         light: A recording, of known light or with intensity frames.
         sensor: A sensor file, of the recording's size.
         seed: Of the sensor's noise and mismatch.
     """
-    if light.kind == "any" and len(light.seen.frames) < 2:
+    if light.seen.seconds > MOST_S or (light.kind == "any" and len(light.seen.frames) < 2):
         return None
     size = (light.seen.width, light.seen.height)
     config = SensorConfig(preset=sensor) if isinstance(sensor, str) else sensor
@@ -46,23 +56,27 @@ def replayed(light: Light, sensor: str | SensorConfig, seed: int = 0) -> Observe
     pixels = Pixels(config, size=size, unit="lux", seed=seed)
     shape = size[::-1]
     parts = []
-    for lux, t_us, counts in _frames(light):
+    theta = min(pixels.sensor.pos_thres, pixels.sensor.neg_thres)
+    for lux, t_us, counts in _frames(light, theta):
         frame = np.broadcast_to(np.asarray(lux, np.float32), shape)
         events = pixels.observe(frame, t_us)
         if counts:
             parts.append(events)
     parts.append(pixels.finish())
     events = np.concatenate(parts)
+    if len(events):
+        # whole periods may be longer than the recording
+        events = events[events["t"] <= events["t"][0] + round(1e6 * light.seen.seconds)]
     try:
         return Observed(events, *size, source=f"{sensor}")
     except EvsError:
         return None
 
 
-def _frames(light: Light) -> Iterator[tuple[float | F64, int, bool]]:
+def _frames(light: Light, theta: float) -> Iterator[tuple[float | F32, int, bool]]:
     """(lux, time, whether its events count)."""
     if light.kind == "any":
-        yield from _recorded(light.seen)
+        yield from _recorded(light, theta)
         return
     seconds = light.seen.seconds
     if light.kind in ("dark", "still"):
@@ -95,17 +109,34 @@ def _half(kind: str, half_us: float) -> Iterator[tuple[float, float]]:
         late *= BLINK_US[1]
 
 
-def _recorded(seen: Observed) -> Iterator[tuple[F64, int, bool]]:
+def _recorded(light: Light, theta: float) -> Iterator[tuple[F32, int, bool]]:
     """The frames of the recording itself, as light."""
-    white = float(np.iinfo(seen.frames[0].pixels.dtype).max)
-    last = -1
-    for frame in sorted(seen.frames, key=lambda one: one.exposure_begin_us):
-        t_us = (frame.exposure_begin_us + frame.exposure_end_us) // 2
-        if t_us > last and frame.pixels.shape == (seen.height, seen.width):
-            # half a step of the converter: black has no logarithm
-            lux = (frame.pixels.astype(np.float64) + 0.5) / white * DIM_LUX
-            yield lux, t_us, last >= 0
-            last = t_us
+    seen, frames = light.seen, frame_light(light.seen)
+    if len(frames.mid_us) < 2:
+        return
+    _without_noise(frames.dn, light.dark_dn, theta)
+    # half a step of the converter: black has no logarithm
+    over = np.maximum(frames.dn - light.dark_dn, 0.0) + 0.5
+    lux = (over * (DIM_LUX / (WHITE - light.dark_dn))).reshape(-1, seen.height, seen.width)
+    late_us = (frames.mid_us - frames.mid_us[0]).round().astype(np.int64)
+    # backwards first: the pixels begin as such a scene leaves them
+    warm = int(np.searchsorted(late_us, 1e6 * WARM_S))
+    for one, t_us in zip(lux[1:warm][::-1], late_us[1:warm][::-1], strict=True):
+        yield one, int(late_us[warm - 1] - t_us), False
+    for one, t_us in zip(lux, late_us, strict=True):
+        yield one, int(late_us[warm - 1] + t_us), t_us > 0
+
+
+def _without_noise(dn: F32, dark: float, theta: float) -> None:
+    """Give pixels in which nothing but the noise of the frames moves their mean."""
+    still = standing(dn, dark, theta)
+    if still.sum() >= FEWEST_PIXELS:
+        # the logarithm of dark pixels moves more
+        deviation = dn.std(axis=0)
+        noise = float(np.median(deviation[still]))
+        most = np.abs(dn - dn.mean(axis=0)).max(axis=0)
+        still |= (deviation < NOISY * noise) & (most < FAR * noise)
+        dn[:, still] = dn[:, still].mean(axis=0)
 
 
 def cut_to_frames(light: Light) -> Light:

@@ -11,6 +11,9 @@ import evs
 from evs.tools.fit import Observed
 
 WIDTH, HEIGHT = 64, 48
+LAWS = {"dim_lux": 1.0, "dark_lux": 0.01, "log": "ln", "shot_noise_bright": 0.3}
+"""of all sensors"""
+
 SIZE = 512
 """of the texture, which repeats"""
 
@@ -74,10 +77,7 @@ def recorded(episode: int, drawing: Drawn | None = None) -> Observed:
         size=(WIDTH, HEIGHT),
         unit="dn",
         seed=1000 + episode,
-        dim_lux=1.0,
-        dark_lux=0.01,
-        log="ln",
-        shot_noise_bright=0.3,
+        **LAWS,
         **one.sensor,
         **{
             "aps.enabled": True,

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import evs
-from evs.tools.fit import Light, Observed, fit_camera, fit_frames, fit_readout
+from evs.tools.fit import (
+    FittedCamera,
+    Light,
+    Observed,
+    cut_to_frames,
+    fit_camera,
+    fit_frames,
+    fit_readout,
+    replayed,
+)
 from reference import moving_texture
 
 WIDTH, HEIGHT = 64, 48
@@ -26,14 +38,19 @@ def drifting(seconds: float, every_us: int, **keys) -> Observed:
     return Observed(np.concatenate(parts), WIDTH, HEIGHT, "drift", tuple(frames))
 
 
-def deviations(episodes: range) -> dict[str, list[float]]:
-    """Key -> (fitted - set) / standard error, over random sensors; prints a table."""
-    found: dict[str, list[float]] = {}
+def cameras(episodes: range) -> Iterator[tuple[int, FittedCamera]]:
+    """Random sensors, each fitted to its recording."""
     # the refractory period that most recordings do not tell is wrong by a factor
     base = evs.Pixels("ideal", size=(WIDTH, HEIGHT), refractory_period_s=2e-4).sensor
     for episode in episodes:
+        yield episode, fit_camera([Light(moving_texture.recorded(episode))], base)
+
+
+def deviations(fitted: Iterable[tuple[int, FittedCamera]]) -> dict[str, list[float]]:
+    """Key -> (fitted - set) / standard error, over random sensors; prints a table."""
+    found: dict[str, list[float]] = {}
+    for episode, camera in fitted:
         one = moving_texture.drawn(episode)
-        camera = fit_camera([Light(moving_texture.recorded(episode, one))], base)
         cells = []
         for key, estimate in camera.told.items():
             if key not in one.sensor:
@@ -51,21 +68,36 @@ def deviations(episodes: range) -> dict[str, list[float]]:
 @pytest.mark.statistical
 def test_frames_beside_events_tell_the_thresholds() -> None:
     """A soft texture, and hard edges beside a background that stands."""
-    found = deviations(range(303, 305))
+    fitted = list(cameras(range(303, 305)))
+    found = deviations(fitted)
     for key in ("pos_thres", "neg_thres", "sigma_thres"):
         assert len(found[key]) == 2, key
     assert found["leak_rate_hz"]
     assert all(abs(z) < 3.0 for values in found.values() for z in values)
+    # the right sensor in the light of the frames: frames miss what comes and goes between them
+    for (episode, camera), most_missed in zip(fitted, (0.2, 0.5), strict=True):
+        one = moving_texture.drawn(episode)
+        light = cut_to_frames(camera.lights[0])
+        assert abs(light.dark_dn - one.dark) < 8.0
+        dark = replace(light, dark_dn=float(one.dark))
+        replay = replayed(dark, evs.SensorConfig("ideal", **moving_texture.LAWS, **one.sensor))
+        assert replay is not None
+        assert len(replay.events) > (1.0 - most_missed) * len(light.seen.events)
+        assert abs(replay.on.mean() - light.seen.on.mean()) < 0.006
+        # noise of frames is no light
+        standing = int(WIDTH * one.scene["still"])
+        counts = [np.count_nonzero(o.events["x"] < standing) for o in (replay, light.seen)]
+        assert abs(counts[0] - counts[1]) <= 0.05 * counts[1]
     # light that is not known tells nothing
     bare = Observed(drifting(0.3, 4000).events, WIDTH, HEIGHT, "bare")
-    assert all("0 intensity frames" in one.reason for one in fit_frames(bare))
+    assert all("0 intensity frames" in one.reason for one in fit_frames(bare)[0])
 
 
 @pytest.mark.campaign
 @pytest.mark.statistical
 def test_error_bars_of_frames_cover_what_was_set() -> None:
     """Twenty sensors, none of those on which the systematic parts of the errors were set."""
-    found = deviations(range(SENSORS_FROM, SENSORS_FROM + SENSORS))
+    found = deviations(cameras(range(SENSORS_FROM, SENSORS_FROM + SENSORS)))
     for key, values in found.items():
         z = np.array(values)
         within = [int(np.sum(np.abs(z) < limit)) for limit in (1.645, 2.0)]
