@@ -6,8 +6,8 @@ import dataclasses
 import json
 import os
 import re
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -16,16 +16,9 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.files.capabilities import MAX_SIDE_PX
-from evs.drivers.files.hdf5.library import (
-    ECF_FILTER,
-    MAX_PIECE_BYTES,
-    OutsideError,
-    filters,
-    load,
-    opened,
-    own,
-    value,
-)
+from evs.drivers.files.hdf5.apart import ApartFile, CrashError, DataSet, Group, opened
+from evs.drivers.files.hdf5.contents import MAX_PIECE_BYTES, OutsideError
+from evs.drivers.files.hdf5.library import ECF_FILTER, check_installed
 from evs.drivers.files.hdf5.recorder import CD_DTYPE, METAVISION, STREAM, WHOLE
 from evs.drivers.files.hdf5.superblock import BYTES, unmarked
 from evs.drivers.files.header_text import stream_from_json
@@ -76,6 +69,12 @@ class Source:
     lacking: int = 0
     """rows after them that some columns lack, as a kill may leave them"""
     compression: str = "none"
+    encoded_chunk: int = 0
+    """events of a chunk that is ECF; 0: HDF5 itself decodes the data set"""
+
+
+Chunks = dict[int, tuple[int, int, int]]
+"""first row -> place in the file, bytes and filter mask"""
 
 
 @dataclass
@@ -110,7 +109,7 @@ class Hdf5File(EventOnlyFile):
             EvsError: No such file, no h5py, not a recording, or it is not clear what it holds.
         """
         found = existing(path)
-        load()
+        check_installed()
         recording = cls(found, StreamInfo(0, 0), found.stat().st_size)
         try:
             with opened(found) as file:
@@ -128,29 +127,29 @@ class Hdf5File(EventOnlyFile):
             recording._find_size()
         return recording
 
-    def _probe(self, file: Any, columns: str, unit: str, stream: str | int | None) -> bool:
+    def _probe(self, file: ApartFile, columns: str, unit: str, stream: str | int | None) -> bool:
         """Find the events and the stream; whether the file states the sensor's size."""
         sources = _sources(file, columns)
         names = {path: path.split("/")[1] for path in sources if len(sources) > 1}
         self.streams = choose_stream(self.path, names, stream)
         chosen = next(iter(self.streams), next(iter(sources)))
-        found = {path: sources[path](self.path) for path in {chosen: None, **self.streams}}
+        found = {path: sources[path]() for path in {chosen: None, **self.streams}}
         self.source = found.pop(chosen)
         self.others = {
             of_stream("events", path, names[path]): one.count for path, one in found.items()
         }
         self.compression = self.source.compression
-        offset = value(file, "t_offset", self.path)
-        offset_us = 0 if offset is None else int(np.ravel(offset)[0])
+        offset_us = int(file.value("t_offset") or 0)
         self.offset_us = offset_us if abs(offset_us) < MAX_STAMP_US else 0
         self.stream, stated = _stream(file, self.path, chosen)
         if self.source.path == METAVISION:
-            self.external_triggers = getattr(own(file, "EXT_TRIGGER/events"), "size", None) or 0
-        elif self.source.count and (STREAM not in file or columns or unit):
+            triggers = file.describe("EXT_TRIGGER/events")
+            self.external_triggers = triggers.size if isinstance(triggers, DataSet) else 0
+        elif self.source.count and (STREAM not in file.names() or columns or unit):
             sample = self._rows(file, {}, slice(0, min(SAMPLE, self.source.count)))
             own_names = self.source.columns or self.source.fields
-            group = own(file, chosen)
-            beside = [*file, *(group if hasattr(group, "keys") else ())]
+            group = file.describe(chosen)
+            beside = [*file.names(), *(group if isinstance(group, Mapping) else ())]
             # data sets that the user named are in the order of t, x, y, p
             chosen_by_user = bool(self.source.columns and columns)
             self.table = decide(
@@ -200,10 +199,8 @@ class Hdf5File(EventOnlyFile):
         count = self.source.count
         with opened(self.path) as file:
             chunks, step = {}, _PIECE
-            if not self.source.columns:
-                group = own(file, self.source.path)
-                chunks = _encoded_chunks(group)
-                step = group.chunks[0] if chunks else _PIECE
+            if self.source.encoded_chunk:
+                chunks, step = file.chunks(self.source.path), self.source.encoded_chunk
             for begin in range(0, count, step):
                 rows = slice(begin, min(begin + step, count))
                 try:
@@ -213,6 +210,8 @@ class Hdf5File(EventOnlyFile):
                     bad = len(sound) - int(np.count_nonzero(sound))
                     if self.offset_us:
                         piece["t"] += self.offset_us
+                except CrashError:
+                    raise
                 except Exception as reason:  # as above
                     stated = str(reason).splitlines()[0] if str(reason) else type(reason).__name__
                     integrity.corrupt_part(f"from event {begin} on", stated, rows.stop - begin)
@@ -227,35 +226,44 @@ class Hdf5File(EventOnlyFile):
                 self.position = rows.stop * self.size // count
                 yield begin, piece
 
-    def _rows(self, file: Any, chunks: dict[int, Any], rows: slice) -> list[Any]:
+    def _rows(self, file: ApartFile, chunks: Chunks, rows: slice) -> list[Any]:
         """Some rows of all columns: (n,) values of each."""
         source = self.source
-        group = own(file, source.path)
-        if source.columns:
-            return [own(group, name)[rows] for name in source.columns]
-        found = _chunk(self.path, chunks, rows) if chunks else group[rows]
-        if source.path == METAVISION:
-            return [found[name] for name in FIELDS]
-        return [found[name] for name in source.fields] if source.fields else list(found.T)
+        fields = FIELDS if source.path == METAVISION else source.fields
+        if source.encoded_chunk:
+            found = _chunk(self.path, chunks, rows)
+            return [found[name] for name in fields]
+        return list(file.rows(source.path, source.columns, fields, rows.start, rows.stop))
 
 
-def _sources(file: Any, columns: str) -> dict[str, Callable[[Path], Source]]:
+@contextmanager
+def _optional() -> Iterator[None]:
+    """Do without what a file does not state, or not as it should."""
+    try:
+        yield
+    except CrashError:
+        raise
+    except Exception:
+        pass
+
+
+def _sources(file: ApartFile, columns: str) -> dict[str, Callable[[], Source]]:
     """Where events are: path -> checks them and counts them; left and right, or one."""
-    if (one := own(file, METAVISION)) is not None:
+    if (one := file.describe(METAVISION)) is not None:
         return {METAVISION: partial(_check_compound, file, one)}
     for path in PATHS:
         sides = (path, path.replace(_LEFT, _RIGHT)) if _LEFT in path else (path,)
-        found: dict[str, Callable[[Path], Source]] = {}
+        found: dict[str, Callable[[], Source]] = {}
         for side in sides:
-            one = own(file, side)
-            if hasattr(one, "keys"):
-                names = [name for name in one if own(one, name) is not None]
+            one = file.describe(side)
+            if isinstance(one, Mapping):
+                names = [name for name in one if one[name] is not None]
                 places = named_columns(names, columns if "=" in columns else "")
                 if places is not None:
                     chosen = tuple(names[place] for place in places[0])
-                    found[side] = partial(_check_columns, file, side, chosen)
-            elif getattr(one, "ndim", 0) in (1, 2) and (one.ndim == 2 or one.dtype.names):
-                found[side] = partial(_check_rows, file, side)
+                    found[side] = partial(_check_columns, file, side, one, chosen)
+            elif one and (len(one.shape) == 2 or (len(one.shape) == 1 and one.dtype.names)):
+                found[side] = partial(_check_rows, side, one)
         if found:
             return found
     known = ", ".join(path or "the root" for path in PATHS)
@@ -265,84 +273,89 @@ def _sources(file: Any, columns: str) -> dict[str, Callable[[Path], Source]]:
     )
 
 
-def _check_columns(file: Any, path: str, names: tuple[str, ...], raw: Path) -> Source:
+def _check_columns(file: ApartFile, path: str, group: Group, names: tuple[str, ...]) -> Source:
     """The source of data sets in a group, each a column. OutsideError: they cannot be."""
-    group = own(file, path)
-    sets = [own(group, name) for name in names]
-    for name, one in zip(names, sets, strict=True):
-        if getattr(one, "ndim", -1) != 1 or one.dtype.kind not in "iufb":
+    sets: list[DataSet] = []
+    for name in names:
+        one = group[name]
+        if not isinstance(one, DataSet) or len(one.shape) != 1 or one.dtype.kind not in "iufb":
             raise OutsideError(f"{path}/{name} is no column of numbers")
-        if len(one) != len(sets[0]) and WHOLE not in file:
+        sets.append(one)
+        if one.size != sets[0].size and WHOLE not in file.names():
             raise OutsideError(f"{', '.join(names)} are not of one length")
     _check_sizes(path, sets)
-    lengths = [len(one) for one in sets]
-    count = _whole(file, raw, min(lengths))
-    compression = sets[0].compression or "none"
-    return Source(path, names, (), count, max(lengths) - count, compression)
+    lengths = [one.size for one in sets]
+    count = _whole(file, min(lengths))
+    return Source(path, names, (), count, max(lengths) - count, sets[0].compression)
 
 
-def _check_rows(file: Any, path: str, raw: Path) -> Source:  # noqa: ARG001 - as the others
+def _check_rows(path: str, one: DataSet) -> Source:
     """The source of a data set of rows with fields, or with columns without names."""
-    one = own(file, path)
-    kinds = [one.dtype[name].kind for name in one.dtype.names or ()] or [one.dtype.kind]
-    wide = one.ndim == 2 and not 4 <= one.shape[1] <= _MAX_COLUMNS
-    if wide or any(kind not in "iufb" for kind in kinds) or (one.ndim == 2 and one.dtype.names):
+    names = tuple(one.dtype.names or ())
+    kinds = [one.dtype[name].kind for name in names] or [one.dtype.kind]
+    table = len(one.shape) == 2
+    wide = table and not 4 <= one.shape[1] <= _MAX_COLUMNS
+    if wide or any(kind not in "iufb" for kind in kinds) or (table and names):
         raise OutsideError(f"{path} is no table of numbers")
     _check_sizes(path, [one])
-    names = tuple(one.dtype.names or ())
-    return Source(path, (), names, len(one), 0, one.compression or "none")
+    return Source(path, (), names, one.shape[0], 0, one.compression)
 
 
-def _check_sizes(path: str, sets: list[Any]) -> None:
+def _check_sizes(path: str, sets: list[DataSet]) -> None:
     """OutsideError where data sets state more than the file can hold."""
-    stored = [one.id.get_storage_size() for one in sets]
-    for one, size in zip(sets, stored, strict=True):
-        if one.nbytes > _MAX_RATIO * (size + 64):
+    for one in sets:
+        if one.nbytes > _MAX_RATIO * (one.stored_bytes + 64):
             raise OutsideError(f"{one.name} states {one.nbytes} bytes, which cannot be in it")
     stated = sum(one.nbytes for one in sets)
-    if states_too_much(stated, sum(stored)):
+    if states_too_much(stated, sum(one.stored_bytes for one in sets)):
         raise OutsideError(f"{path} states {stated} bytes, which cannot be in it")
 
 
-def _whole(file: Any, raw: Path, count: int) -> int:
+def _whole(file: ApartFile, count: int) -> int:
     """How many of these rows are whole, as our recorders state it."""
-    with suppress(Exception):
-        return max(0, min(count, int(value(file, WHOLE, raw))))
+    with _optional():
+        if (stated := file.value(WHOLE)) is not None:
+            return max(0, min(count, int(stated)))
     return count
 
 
-def _check_compound(file: Any, one: Any, raw: Path) -> Source:
+def _check_compound(file: ApartFile, one: DataSet | Group) -> Source:
     """The source of Metavision's data set."""
-    if getattr(one, "ndim", -1) != 1 or not set(FIELDS) <= set(one.dtype.names or ()):
+    if not isinstance(one, DataSet) or len(one.shape) != 1:
+        raise OutsideError(f"{METAVISION} has no x, y, p, t")
+    if not set(FIELDS) <= set(one.dtype.names or ()):
         raise OutsideError(f"{METAVISION} has no x, y, p, t")
     if any(one.dtype[name].kind not in "iu" for name in FIELDS):
         raise OutsideError(f"{METAVISION} has no numbers for x, y, p, t")
     _check_sizes(METAVISION, [one])
-    used = filters(one)
-    if ECF_FILTER in used and (len(used) > 1 or one.dtype != CD_DTYPE):
+    encoded = ECF_FILTER in one.filters
+    if encoded and (len(one.filters) > 1 or one.dtype != CD_DTYPE):
         raise OutsideError(f"{METAVISION} has filters in addition to ECF, which are not read")
-    if ECF_FILTER in used and -(-len(one) // one.chunks[0]) > one.id.get_storage_size() // 12:
-        raise OutsideError(f"{METAVISION} states {len(one)} events, which cannot be in it")
-    count = _whole(file, raw, len(one))
-    compression = "ecf" if ECF_FILTER in used else one.compression or "none"
-    return Source(METAVISION, (), (), count, len(one) - count, compression)
+    if encoded and -(-one.size // one.chunk) > one.stored_bytes // 12:
+        raise OutsideError(f"{METAVISION} states {one.size} events, which cannot be in it")
+    count = _whole(file, one.size)
+    compression = "ecf" if encoded else one.compression
+    chunk = one.chunk if encoded else 0
+    return Source(METAVISION, (), (), count, one.size - count, compression, chunk)
 
 
-def _stream(file: Any, raw: Path, path: str) -> tuple[StreamInfo, bool]:
+def _stream(file: ApartFile, raw: Path, path: str) -> tuple[StreamInfo, bool]:
     """The stream, and whether the file states the sensor's size."""
     stated, sides = None, None
-    with suppress(Exception):
-        stated = json.loads(value(file, STREAM, raw))
-    with suppress(Exception):
-        height, width = (int(side) for side in file.attrs["sensor_resolution"])
+    with _optional():
+        stated = json.loads(str(file.value(STREAM)))
+    with _optional():
+        height, width = file.pair("sensor_resolution")
         sides = (width, height) if 0 < min(width, height) <= max(width, height) < 1 << 15 else None
-    with suppress(Exception):
+    with _optional():
         sides = sides or _geometry(raw)
-    with suppress(Exception):
+    with _optional():
         # M3ED's
-        resolution = own(file, f"{path}/calib/resolution")
-        if sides is None and resolution.shape == (2,) and resolution.dtype.kind in "iu":
-            width, height = (int(side) for side in resolution[:])
+        calibration = f"{path}/calib"
+        resolution = file.describe(f"{calibration}/resolution")
+        if sides is None and isinstance(resolution, DataSet) and resolution.shape == (2,):
+            (pair,) = file.rows(calibration, ("resolution",), (), 0, 2)
+            width, height = (int(side) for side in pair if resolution.dtype.kind in "iu")
             sides = (width, height) if 0 < min(width, height) < MAX_SIDE_PX else None
     plain = StreamInfo(*(sides or (0, 0)), sensor="unknown")
     stream = dataclasses.replace(
@@ -368,24 +381,16 @@ def _geometry(raw: Path) -> tuple[int, int] | None:
     return None
 
 
-def _encoded_chunks(one: Any) -> dict[int, Any]:
-    """Where chunks of ECF lie, by their first row; empty where HDF5 itself decodes the data set."""
-    found: dict[int, Any] = {}
-    if ECF_FILTER in filters(one):
-        one.id.chunk_iter(lambda info: found.__setitem__(info.chunk_offset[0], info))
-    return found
-
-
-def _chunk(raw: Path, chunks: dict[int, Any], rows: slice) -> Any:
+def _chunk(raw: Path, chunks: Chunks, rows: slice) -> Any:
     """Rows of one chunk of the file `raw`: an array with fields t, x, y, p."""
     if rows.start not in chunks:
         raise OutsideError("a chunk is missing")
-    info = chunks[rows.start]
+    at, size, mask = chunks[rows.start]
     with raw.open("rb") as file:
-        file.seek(info.byte_offset)
-        data = file.read(min(info.size, MAX_PIECE_BYTES))
+        file.seek(at)
+        data = file.read(min(size, MAX_PIECE_BYTES))
     # a writer without the filter leaves it out, as HDF5 permits
-    found: Any = np.frombuffer(data, CD_DTYPE) if info.filter_mask & 1 else decode_ecf(data)
+    found: Any = np.frombuffer(data, CD_DTYPE) if mask & 1 else decode_ecf(data)
     if len(found) < rows.stop - rows.start:
         raise OutsideError(f"a chunk has {len(found)} events, not {rows.stop - rows.start}")
     return found[: rows.stop - rows.start]

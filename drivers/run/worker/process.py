@@ -7,11 +7,11 @@ import socket
 import subprocess
 import sys
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 from evs.drivers.run.worker.control_channel import ControlChannel
 from evs.drivers.run.worker.shared_memory import SharedMemory
+from evs.drivers.search_path import search_path
 from evs.msgs import EvsError
 
 PROGRAM = "evs.drivers.run.worker.program"
@@ -38,7 +38,7 @@ class WorkerProcess:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-m", PROGRAM, str(theirs.fileno()), str(memory.number)],
                 stdin=subprocess.DEVNULL,
-                env={**os.environ, "PYTHONPATH": _search_path()},
+                env={**os.environ, "PYTHONPATH": search_path()},
                 pass_fds=(theirs.fileno(), memory.number),
                 # Ctrl-C and a closing terminal are the camera's to deal with: what it has handed
                 # over is still to be written
@@ -114,8 +114,3 @@ class WorkerProcess:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-
-
-def _search_path() -> str:
-    """Where modules are found here, so that the other process finds the same."""
-    return os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)

@@ -5,16 +5,19 @@ from __future__ import annotations
 import resource
 import tempfile
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from random import Random
 
 import numpy as np
 import pytest
+from hdf5_in_process import opened_here
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from evs.drivers import files
 from evs.drivers.files import LeftOutWarning
+from evs.drivers.files.hdf5 import reader
 from evs.drivers.files.integrity import BackwardsWarning, DamagedPacketWarning, TornTailWarning
 from evs.drivers.sink import Stream
 from evs.msgs import (
@@ -67,6 +70,14 @@ def recorded(folder: Path, kind: str) -> bytes:
         sink.write(EventPacket(tick, 0, 0, 64, 48, make_events(t, x, x, x % 2)))
     sink.close()
     return path.read_bytes()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _hdf5_in_process() -> Iterator[None]:
+    """A process that reads HDF5 is replaced after each error."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reader, "opened", opened_here)
+        yield
 
 
 @pytest.fixture(scope="module")
