@@ -151,7 +151,6 @@ class FilmCamera:
     imu_packet = None
     pose = None
     traced_fraction = 0.0
-    covered = ""
     is_dark = False
     """a film that begins black is no mistake"""
 

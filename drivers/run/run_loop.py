@@ -146,7 +146,7 @@ class RunLoop(ABC):
                 wall_seconds=self.wall_seconds,
                 sinks=self._sinks.reports,
                 pace=self.pacer.report(),
-                warnings=[*self.warnings, *self.statistics.covered],
+                warnings=list(dict.fromkeys([*self.warnings, *self.world.left_out])),
                 config=dict(config or {}),
                 loop=self.describe(),
                 sensor_changes=self._sensors.changes if self._sensors else (),

@@ -58,10 +58,6 @@ class RunCamera(AuxiliaryStreams, Protocol):
     def luminance(self) -> F32:
         """(h, w) float32 linear luminance of the last tick."""
 
-    @property
-    def covered(self) -> str:
-        """What fills its picture at the start, in one line; empty: nothing."""
-
 
 class RunWorld(Protocol):
     """A world as a run sees it; evs.emulator.World is one."""
@@ -76,7 +72,7 @@ class RunWorld(Protocol):
 
     @property
     def left_out(self) -> Sequence[str]:
-        """One line for each thing of its model that is not shown, known since loading."""
+        """One line for each thing of its model that is not shown; some are known once it begins."""
 
     @property
     def substeps(self) -> object:
@@ -147,11 +143,6 @@ class RunStatistics:
         for packet in packets:
             self.events[packet.camera] = self.events.get(packet.camera, 0) + len(packet)
         self.packets += len(packets)
-
-    @property
-    def covered(self) -> list[str]:
-        """One line for each camera whose picture one near geom fills; issued as warnings, too."""
-        return [camera.covered for camera in self._world.cameras if camera.covered]
 
     def new_warnings(self) -> list[str]:
         """Return the warnings of this tick, each once a camera. Call after every tick.

@@ -93,8 +93,6 @@ class Camera:
     how many meshes and textures: scenes, meshes, textures"""
     left_out: tuple[str, ...]
     """one line for each thing that its ticks do not show, with the fix; issued as warnings too"""
-    covered: str = ""
-    """what fills the picture at the start, in one line with the fix; issued as a warning too"""
 
     def __init__(
         self,
@@ -485,8 +483,9 @@ class Camera:
             pose = snapshot.cameras[self.place]
             if may_be_covered(self._world, self._viewpoint, snapshot, pose):
                 truth = self.ground_truth()
-                self.covered = covered_by(self._world, self._viewpoint, truth, self.name)
-                warn_left_out([self.covered] if self.covered else [])
+                lines = covered_by(self._world, self._viewpoint, truth, self.name)
+                warn_left_out(lines)
+                self.left_out += lines
 
     def _warm_up(self, snapshot: SceneSnapshot, ticks: int) -> None:
         tick_us = self._info.tick_us

@@ -38,7 +38,9 @@ def _limit_m(viewpoint: Viewpoint) -> float:
     return min(NEAR_M, NEAR_EXTENTS * viewpoint.scene.extent_m)
 
 
-def covered_by(world: MjModel, viewpoint: Viewpoint, truth: GroundTruth, name: str) -> str:
+def covered_by(
+    world: MjModel, viewpoint: Viewpoint, truth: GroundTruth, name: str
+) -> tuple[str, ...]:
     """One line that names the geom that fills the whole picture from a few cm away, and the fix.
 
     Args:
@@ -48,16 +50,17 @@ def covered_by(world: MjModel, viewpoint: Viewpoint, truth: GroundTruth, name: s
         name: Of the camera.
 
     Returns:
-        "" where there is none.
+        () where there is none.
     """
     geom, limit_m = int(truth.geom_id.flat[0]), _limit_m(viewpoint)
     farthest_m = float(np.max(truth.distance))
     if geom < 0 or not farthest_m < limit_m or (truth.geom_id != geom).any():
-        return ""
+        return ()
     near_m = viewpoint.bound.model.near_m
-    return (
+    line = (
         f"camera '{name}': geom '{geom_label(world, geom)}', at most {1e3 * farthest_m:.3g} mm "
         f"away, fills the picture; a camera behind its own housing needs a near plane (camera."
         f"near_m, now {near_m:.3g}) beyond it, the geom's group hidden (scene.visual.geomgroup), "
         "or another place"
     )
+    return (line,)

@@ -35,7 +35,6 @@ class FakeCamera:
         self.traced_fraction = 0.25
         self.is_dark = dark
         self.luminance = np.full((3, 4), 0.0 if dark else 0.5, np.float32)
-        self.covered = ""
         self.clamps = 0
         self.events_dropped: dict[str, int] = {}
         self.events_waiting = 0
