@@ -293,6 +293,14 @@ struct NoisyComparators {
     return (distance - kNearest * band.sigma) / std::abs(moves) * (end - now);
   }
 
+  // Whether the signal is a line up to `end`, but for a part of the noise. If not, the time that it
+  // spends at a level, and so the hazard there, is another.
+  bool is_straight(double end) const {
+    if (!pixel.response.bends) return true;
+    const double sag = signal_at(0.5 * (now + end)) - 0.5 * (signal + signal_at(end));
+    return std::abs(sag) < kStraightPart * band.sigma;
+  }
+
   // Step up to `until`, with all events before it; false if the pixel is blind for the rest.
   bool advance(double until, bool is_whole, std::vector<Crossing>& out) {
     double end = until;
@@ -334,6 +342,10 @@ struct NoisyComparators {
       Cause cause = Cause::shot;
       if (level.x1 < level.x0) {
         const Place place = place_of(level, step.passages, share * level.hazard());
+        if (place.random && dt > 1.0 && !is_straight(end)) {
+          end = now + 0.5 * dt;
+          continue;
+        }
         share = share_of(step, up, place, end);
         const bool moved = std::abs(v) * (dt / length) >= std::abs(mean - step.mean1);
         if (moved && !place.random) {

@@ -34,6 +34,7 @@ inline constexpr double kKnown = 0.1;          // a smaller memory moves levels 
 inline constexpr double kShortStep = 0.25;     // of the time in which memory is lost
 inline constexpr double kLongStep = 20.0;      // of the same; longer steps are cut
 inline constexpr double kForgets = 7.0;        // of the same, in which all memory is lost
+inline constexpr double kStraightPart = 0.1;   // of the noise; a line that sags by less is straight
 inline constexpr float kCoarseParts = 50.0f;   // of the budget; steps with more than one are short
 inline constexpr float kBeyondBudgets = 1e6f;  // hazard
 inline constexpr double kLeastBudget = 0x1p-46;

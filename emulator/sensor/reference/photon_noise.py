@@ -33,7 +33,8 @@ from evs.msgs import Cause
 FAR, PASSED, NEAREST, CERTAIN = 6.0, -7.0, -3.0, 30.0
 FORGOTTEN, KNOWN = 2.0**-10, 0.1
 LEAST_BUDGET = 2.0**-46
-SHORT_STEP, LONG_STEP, FORGETS, COARSE_PARTS = 0.25, 20.0, 7.0, 50.0
+SHORT_STEP, LONG_STEP, FORGETS, STRAIGHT_PART = 0.25, 20.0, 7.0, 0.1
+COARSE_PARTS = 50.0
 CELLS = 512
 
 _EXP2 = "0x1.c0d85ep-7 0x1.43ef6ap-4 0x1.5bdfb0p-2 0x1.f5df8cp-1 0x1.6a09eap+0"
@@ -697,6 +698,14 @@ class NoisyPixel:
             return end - self.now
         return (distance - NEAREST * band.sigma) / abs(moves) * (end - self.now)
 
+    def _is_straight(self, end: float) -> bool:
+        """Whether the signal is a line up to `end`, but for a part of the noise."""
+        if not self.p.response.bends:
+            return True
+        middle = self._signal(0.5 * (self.now + end))
+        sag = middle - 0.5 * (self._signal(self.now) + self._signal(end))
+        return abs(sag) < STRAIGHT_PART * self.band.sigma
+
     def _advance(self, until: float, whole: Step | None) -> int | None:
         """Up to `until`; when the pixel is blind beyond the tick, until when."""
         p, band, end = self.p, self.band, until
@@ -728,6 +737,9 @@ class NoisyPixel:
             share, cause = self.budget / hazard, Cause.SHOT
             if level.x1 < level.x0:
                 place, by_noise = self._place(level, step.passages, share * level.hazard)
+                if by_noise and dt > 1.0 and not self._is_straight(end):
+                    end = self.now + 0.5 * dt
+                    continue
                 share = self._share(step, up, place, end, by_noise)
                 moved = abs(speed) * (dt / float(p.tick_us)) >= abs(self.mean - step.mean1)
                 if moved and not by_noise:

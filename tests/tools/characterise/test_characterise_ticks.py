@@ -11,7 +11,6 @@ from evs.tools.characterise import Bench, measure_latency
 TICKS_US = (10, 100, 1000)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("preset", ["davis346", "imx636", "dvxplorer", "dvs128", "genx320"])
 def test_latency_of_a_preset_in_ticks_of_any_length(preset: str) -> None:
