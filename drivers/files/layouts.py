@@ -312,13 +312,18 @@ def _fits(t: Column, x: Column, y: Column, p: Column) -> bool:
     # a constant is no clock
     runs = runs and (len(t) < _FEW or bool(steps.any()))
     whole = all(
-        np.mean((one >= 0) & (one < MAX_SIDE_PX) & (one == np.floor(one))) > 0.9 for one in (x, y)
+        _mostly((one >= 0) & (one < MAX_SIDE_PX) & (one == np.floor(one))) for one in (x, y)
     )
     return bool(runs) and whole and _two_valued(p)
 
 
 def _two_valued(p: Column) -> bool:
-    return bool(np.mean((p == 1) | (p == 0) | (p == -1)) > 0.9) if len(p) else True
+    return _mostly((p == 1) | (p == 0) | (p == -1))
+
+
+def _mostly(right: npt.NDArray[np.bool_]) -> bool:
+    """Whether most values are right, or there are none."""
+    return not len(right) or bool(np.mean(right) > 0.9)
 
 
 def _check_polarity(path: Any, p: Column) -> None:
