@@ -281,6 +281,14 @@ KINDS: dict[str, type] = {
 }
 """field of mjModel -> the enumeration of its values"""
 
+NUMBERS = (
+    *("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia"),
+    *("geom_pos", "geom_quat", "geom_size", "site_pos", "site_quat", "site_size"),
+    *("cam_pos", "cam_quat", "light_pos", "light_dir", "jnt_pos", "jnt_axis", "qpos0"),
+    *("hfield_size", "mat_texrepeat"),
+)
+"""fields of mjModel that have to be finite, and that nothing else checks"""
+
 GEOM_DATA = {
     mujoco.mjtGeom.mjGEOM_HFIELD: "nhfield",
     mujoco.mjtGeom.mjGEOM_MESH: "nmesh",
@@ -290,13 +298,13 @@ GEOM_DATA = {
 
 
 def check_model(model: mujoco.MjModel) -> None:
-    """Check the numbers in a model that point to other parts of it, its kinds and its names.
+    """Check indices, kinds, places, sizes and names in a model.
 
     MuJoCo and renderers follow them blindly.
 
     Raises:
-        EvsError: An index points to what the model does not have, a kind is none of MuJoCo's, or a
-            name is not UTF-8.
+        EvsError: An index points to what the model does not have, a kind is none of MuJoCo's, a
+            place or a size is NaN or infinite, or a name is not UTF-8.
     """
     for field, count in TARGETS.items():
         values = getattr(model, field, None)
@@ -312,6 +320,11 @@ def check_model(model: mujoco.MjModel) -> None:
         if values is not None:
             known = [int(kind) for kind in kinds.__members__.values()]  # type: ignore[attr-defined]
             _check_known(field, np.asarray(values), known, kinds.__name__)
+    for field in NUMBERS:
+        values = np.asarray(getattr(model, field))
+        _refuse(field, values, ~np.isfinite(values), "which is no finite number")
+    resolution = np.asarray(model.cam_resolution)
+    _refuse("cam_resolution", resolution, resolution < 0, "but a camera has 0 pixels or more")
     try:
         bytes(model.names).decode()
     except UnicodeDecodeError as reason:
@@ -334,8 +347,7 @@ def _refuse(field: str, values: npt.NDArray[Any], bad: npt.NDArray[Any], why: st
     if bad.any():
         place = tuple(int(one) for one in np.argwhere(bad)[0])
         raise EvsError(
-            f"model.{field}[{', '.join(map(str, place))}] is {int(values[place])}, {why}; "
-            "put it back"
+            f"model.{field}[{', '.join(map(str, place))}] is {values[place]}, {why}; put it back"
         )
 
 

@@ -72,8 +72,10 @@ def fill_tick(tick_us: int, model_timestep_s: float) -> Substeps:
             f"scene.tick_us is {tick_us}: a tick is a positive whole number of microseconds, "
             "for example 1000"
         )
-    if not model_timestep_s > 0.0:
-        raise EvsError(f"the model's timestep is {model_timestep_s} s: it must be over 0")
+    if not 0.0 < model_timestep_s < math.inf:
+        raise EvsError(
+            f"the model's timestep is {model_timestep_s} s: it must be over 0 and finite"
+        )
 
     # 1 ms over 0.1 ms is a little over 10 in floating point, and still 10
     tick_s = int(tick_us) * 1e-6

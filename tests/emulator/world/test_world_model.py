@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 from pathlib import Path
 
 import mujoco
@@ -162,7 +164,8 @@ def test_a_path_out_of_reach_is_one_line(tmp_path, ending):
         load_model(tmp_path / ("d" * 300 + ending))
 
 
-PARTS = """<mujoco><asset><texture name="t" type="2d" builtin="flat" width="4" height="4"/>
+PARTS = """<mujoco><asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/>
+<texture name="t" type="2d" builtin="flat" width="4" height="4"/>
 <material name="m" texture="t"/></asset><worldbody><light name="lamp"/><site/>
 <camera name="eye" sensorsize=".004 .003" resolution="400 300" focal=".005 .006"/>
 <geom size=".1" material="m"/><body><joint/><geom size=".1"/></body></worldbody></mujoco>"""
@@ -184,6 +187,31 @@ def test_an_index_or_a_kind_out_of_range_is_one_line(field, value):
     assert complaint(model).startswith(f"model.{field}[0")
     # a model of somebody else's is not loaded
     with pytest.raises(EvsError, match=rf"^model\.{field}\[0.* is {value}, .*; put it back$"):
+        extract_scene(model)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("cam_resolution", -1),
+        *itertools.product(
+            [
+                *("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia"),
+                *("geom_pos", "geom_quat", "geom_size", "site_pos", "site_quat", "site_size"),
+                *("cam_pos", "cam_quat", "light_pos", "light_dir", "jnt_pos", "jnt_axis", "qpos0"),
+                *("hfield_size", "mat_texrepeat"),
+            ],
+            [np.nan, np.inf, -np.inf],
+        ),
+    ],
+)
+def test_a_place_or_size_that_is_no_number_is_one_line(field, value, tmp_path):
+    model = mujoco.MjModel.from_xml_string(PARTS)
+    getattr(model, field).reshape(-1)[-1] = value
+    assert re.search(rf"^model\.{field}\[.*\] is {value}, .*; put it back$", complaint(model))
+    mujoco.mj_saveModel(model, str(tmp_path / "bad.mjb"))
+    assert complaint(tmp_path / "bad.mjb").startswith(f"model.{field}[")
+    with pytest.raises(EvsError, match=rf"^model\.{field}\["):
         extract_scene(model)
 
 

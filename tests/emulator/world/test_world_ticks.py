@@ -45,9 +45,10 @@ def test_a_step_too_short_for_any_machine_is_refused():
         fill_tick(1000, 1e-12)
 
 
-def test_a_timestep_is_positive():
-    with pytest.raises(EvsError, match=r"the model's timestep is 0\.0 s"):
-        fill_tick(1000, 0.0)
+@pytest.mark.parametrize("timestep_s", [0.0, math.nan, math.inf])
+def test_a_timestep_is_positive_and_finite(timestep_s):
+    with pytest.raises(EvsError, match=rf"the model's timestep is {timestep_s} s: it must be over"):
+        fill_tick(1000, timestep_s)
 
 
 def test_time_is_counted_and_not_accumulated():
