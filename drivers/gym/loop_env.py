@@ -142,7 +142,9 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             visual=visual,
         )
         world = self.loop.world
-        self.scene_ranges = SceneRanges(scene_ranges, world.model) if scene_ranges else None
+        self.scene_ranges = (
+            SceneRanges(scene_ranges, world.model, world.visual) if scene_ranges else None
+        )
         """what the scene of each episode is drawn from; None: it stays the same"""
         self._keyframe = keyframe
         self._views = {

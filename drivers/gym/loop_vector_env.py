@@ -126,7 +126,7 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
         sensor_ranges, scene_ranges = split_ranges(randomise)
         self.ranges = SensorRanges(sensor_ranges, sensor) if sensor_ranges else None
         model_ = load_model(scene)
-        self.scene_ranges = SceneRanges(scene_ranges, model_) if scene_ranges else None
+        self.scene_ranges = SceneRanges(scene_ranges, model_, visual) if scene_ranges else None
         several = (cameras,) if isinstance(cameras, str | CameraConfig) else tuple(cameras)
         # the camera's names and sizes are the worlds' own; the task wants them before
         probe = Worlds(model_, 1, tick_us=tick_us, threads=1, visual=visual)

@@ -23,7 +23,16 @@ from evs.emulator.sensor.ranges import (
     draw_values,
     refers_to,
 )
-from evs.emulator.world import Scene, SceneKey, SceneValues, every_key, find_keys, load_model
+from evs.emulator.world import (
+    Scene,
+    SceneKey,
+    SceneValues,
+    Visual,
+    every_key,
+    find_keys,
+    load_model,
+    resolve_visual,
+)
 from evs.msgs import EvsError
 
 
@@ -52,12 +61,13 @@ class SceneRanges:
     Equal arguments give equal values, in any process and on any machine.
     """
 
-    def __init__(self, ranges: Ranges, scene: Scene) -> None:
+    def __init__(self, ranges: Ranges, scene: Scene, visual: Visual | None = None) -> None:
         """Check the ranges.
 
         Args:
             ranges: Key -> its range, as described above.
             scene: As of World. A MjModel is only read; what is nominal is what it has now.
+            visual: As of World; geoms that it hides have no colour.
 
         Raises:
             EvsError: No such object, attribute or distribution, a range outside the key's own, two
@@ -69,12 +79,12 @@ class SceneRanges:
             )
         self.ranges = dict(ranges)
         """key -> its text, as given"""
-        model = load_model(scene)
+        model, shown = load_model(scene), resolve_visual(visual)
         keys: dict[str, SceneKey] = {}
         written: dict[str, str] = {}
         for text in self.ranges:
             try:
-                found = find_keys(model, text)
+                found = find_keys(model, text, shown)
             except EvsError as error:
                 raise EvsError(f"at randomise.scene.{text}: {error}") from None
             for key in found:
@@ -85,7 +95,7 @@ class SceneRanges:
                     )
                 keys[key.name], written[key.name] = key, text
         refer = {name for text in self.ranges.values() if (name := refers_to(text))}
-        every = every_key(model) if refer else keys
+        every = every_key(model, shown) if refer else keys
         known = {
             name: Key(name, bool(words := key.words(model)), key.attribute.within, words)
             for name, key in every.items()
@@ -96,7 +106,7 @@ class SceneRanges:
             parsed[name] = Range.parse(known[name], self.ranges[text], known, where)
         nominal = {name: every[name].read(model) for name in (*keys, *refer) if name in every}
         self._parts = bound_ranges(parsed, nominal)
-        self._check_models(SceneValues(model))
+        self._check_models(SceneValues(model, shown))
 
     def draw(self, seed: int, episode: int = 0) -> DrawnScene:
         """Draw the values of an episode.

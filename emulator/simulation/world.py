@@ -135,7 +135,7 @@ class World:
         self._view_refs: list[ref[View]] = []
         self._bounds: list[BoundCamera] = []
         """of cameras and views, in the order of a snapshot's poses"""
-        self._digest, self._values = ModelDigest(model), SceneValues(model)
+        self._digest, self._values = ModelDigest(model), SceneValues(model, shown)
         # a world that held itself would wait for the garbage collector
         self._twins: list[ref[World]] = [ref(self)]
         """those that share the model, this one too"""

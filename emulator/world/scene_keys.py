@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.scene import F64
+from evs.emulator.config import VisualConfig
 from evs.emulator.world.compat import is_orthographic
 from evs.emulator.world.controls import home_keyframe
 from evs.emulator.world.materials import (
@@ -27,7 +28,7 @@ from evs.emulator.world.materials import (
     geom_rgba,
 )
 from evs.emulator.world.model import COUNTS, names_of
-from evs.emulator.world.visual import shows_geom
+from evs.emulator.world.visual import DEFAULT, shows_geom
 from evs.msgs import EvsError, unknown
 
 Array = npt.NDArray[Any]
@@ -145,12 +146,20 @@ class Attribute:
     """(model, data, id, which -> number): puts them into a state where an episode begins"""
     lacks: Callable[[mujoco.MjModel, int], str] = lambda _model, _index: ""
     """(model, id) -> why an object has no such attribute; empty: it has"""
+    seen: bool = False
+    """whether only geoms that are shown have it"""
     derives: bool = False
     """whether constants of the model follow from it (mj_setConst)"""
     words: Callable[[mujoco.MjModel, int], dict[str, int]] | None = None
     """(model, id) -> names of its values and the values, where it has no others"""
     field: str = ""
     """the array of the model that has to be there; MuJoCo 3.3 lacks some"""
+
+    def missing(self, model: mujoco.MjModel, index: int, visual: VisualConfig) -> str:
+        """Why an object has no such attribute in a view; empty: it has."""
+        if self.seen and not shows_geom(model, index, visual):
+            return "is not shown"
+        return self.lacks(model, index)
 
 
 @dataclass(frozen=True)
@@ -175,13 +184,16 @@ class SceneKey:
         return None if words is None else words(model, self.index)
 
 
-def find_keys(model: mujoco.MjModel, written: str) -> list[SceneKey]:
+def find_keys(
+    model: mujoco.MjModel, written: str, visual: VisualConfig = DEFAULT
+) -> list[SceneKey]:
     """The keys that a text stands for.
 
     Args:
         model: The model.
         written: A key; NAME may have `*` for any letters and `?` for any one, and without the
             letter of a number it stands for all of them.
+        visual: What is shown; hidden geoms have no colour.
 
     Raises:
         EvsError: It is none, with the nearest known; or nothing fits the pattern.
@@ -203,7 +215,7 @@ def find_keys(model: mujoco.MjModel, written: str) -> list[SceneKey]:
             raise unknown(f"attribute of a {kind}", last, known)
     attribute = known[last]
     objects = _named(model, kind, before)
-    reasons = {label: attribute.lacks(model, index) for label, index in objects.items()}
+    reasons = {label: attribute.missing(model, index, visual) for label, index in objects.items()}
     found = [label for label, reason in reasons.items() if not reason]
     if not found:
         label, reason = next(iter(reasons.items()))
@@ -212,12 +224,12 @@ def find_keys(model: mujoco.MjModel, written: str) -> list[SceneKey]:
     return [key for label in found for key in _keys(attribute, label, objects[label], letters)]
 
 
-def every_key(model: mujoco.MjModel) -> dict[str, SceneKey]:
-    """All keys of a model, by name."""
+def every_key(model: mujoco.MjModel, visual: VisualConfig = DEFAULT) -> dict[str, SceneKey]:
+    """All keys of a model in a view, by name."""
     found = {}
     for attribute in _table():
         for label, index in _labels(model, attribute.kind).items():
-            if not attribute.lacks(model, index):
+            if not attribute.missing(model, index, visual):
                 for key in _keys(attribute, label, index, attribute.parts):
                     found[key.name] = key
     return found
@@ -456,10 +468,6 @@ def _no_headlight(model: mujoco.MjModel, _index: int) -> str:
     return "" if model.vis.headlight.active else "is off"
 
 
-def _hidden_geom(model: mujoco.MjModel, index: int) -> str:
-    return "" if shows_geom(model, index) else "is not shown"
-
-
 def _hidden_material(model: mujoco.MjModel, index: int) -> str:
     return "" if model.mat_rgba[index][3] > 0 else "is transparent"
 
@@ -576,13 +584,13 @@ ATTRIBUTES: tuple[Attribute, ...] = (
         *("geom", "rgb", "rgb", SHARE),
         read=lambda model, index: geom_rgba(model, index)[:3],
         put=_put_geom_rgb,
-        lacks=_hidden_geom,
+        seen=True,
     ),
     Attribute(
         *("geom", "alpha", "", VISIBLE),
         read=lambda model, index: geom_rgba(model, index)[3:],
         put=_put_geom_alpha,
-        lacks=_hidden_geom,
+        seen=True,
     ),
     _columns("geom", "friction", "geom_friction", SOME),
     Attribute(

@@ -24,6 +24,7 @@ from evs.emulator.world.scene_keys import (
     find_keys,
     order_of,
 )
+from evs.emulator.world.visual import Visual, resolve_visual
 from evs.msgs import EvsError
 
 STATISTICS = ("extent", "meansize", "meanmass", "center")
@@ -44,13 +45,17 @@ class SceneValues:
     The rest of the model stays as it is, edits of its user too.
     """
 
-    def __init__(self, model: mujoco.MjModel) -> None:
+    def __init__(self, model: mujoco.MjModel, visual: Visual | None = None) -> None:
         """Nothing is changed yet.
 
         Args:
             model: Whose arrays `put` changes.
+            visual: Groups and flags that are seen, as of World: hidden geoms have no colour.
+
+        Raises:
+            EvsError: `visual` makes no sense.
         """
-        self._model = model
+        self._model, self._visual = model, resolve_visual(visual)
         self._keys: dict[str, SceneKey] = {}
         self._edits = Edits(model)
         self._inertia_is_given: bool | None = None
@@ -62,7 +67,7 @@ class SceneValues:
 
     def copy_for(self, model: mujoco.MjModel) -> SceneValues:
         """The same, of a copy of the model."""
-        other = SceneValues(model)
+        other = SceneValues(model, self._visual)
         other._keys, other.values = self._keys, dict(self.values)
         other._edits = self._edits.copy_for(model)
         other._inertia_is_given = self._inertia_is_given
@@ -148,10 +153,10 @@ class SceneValues:
 
     def _key(self, name: str) -> SceneKey:
         if not self._keys:
-            self._keys = every_key(self._model)
+            self._keys = every_key(self._model, self._visual)
         if name not in self._keys:
             try:
-                found = find_keys(self._model, name)
+                found = find_keys(self._model, name, self._visual)
             except EvsError as error:
                 raise EvsError(f"scene.{name}: {error}") from None
             raise EvsError(f"scene.{name} is no single number; give {found[0].name}")

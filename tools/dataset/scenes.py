@@ -92,7 +92,7 @@ class SceneFile(RunConfig):
         _, scene = split_ranges(self.randomise)
         if not scene:
             return [None] * self.episodes
-        ranges = SceneRanges(scene, model_of(self))
+        ranges = SceneRanges(scene, model_of(self), self.scene.visual)
         return [ranges.draw(self._seed_of(name), episode) for episode in range(self.episodes)]
 
     def _seed_of(self, name: str) -> int:

@@ -13,7 +13,7 @@ import pytest
 
 import evs
 from evs.emulator import ClosedLoop, World, Worlds
-from evs.emulator.config import CameraConfig, RenderConfig, SensorConfig
+from evs.emulator.config import CameraConfig, RenderConfig, SensorConfig, VisualConfig
 from evs.emulator.simulation.scene_ranges import SceneRanges
 from evs.emulator.world import NamedSensors, load_model
 from evs.msgs import EvsError
@@ -147,6 +147,21 @@ def test_mistakes_are_one_line(ranges: Any, says: str) -> None:
     with pytest.raises(EvsError, match=says) as error:
         SceneRanges(ranges, swing())
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("groups", "seen", "hidden"), [((4,), "rod", "0"), ((0,), "0", "rod")])
+def test_what_is_shown_follows_the_view(groups: Any, seen: str, hidden: str) -> None:
+    model = swing()
+    model.geom_group[model.geom("rod").id] = 4
+    visual = VisualConfig(geomgroup=groups)
+    SceneRanges({f"geom.{seen}.rgb": "uniform(0, 1)"}, model, visual)
+    with pytest.raises(EvsError, match=f"geom '{hidden}' has no rgb: it is not shown"):
+        SceneRanges({f"geom.{hidden}.rgb": "uniform(0, 1)"}, model, visual)
+    world = World(model, visual=visual)
+    world.add_camera("left", sensor=SMALL)
+    world.reset(scene={f"geom.{seen}.alpha": 0.5})
+    with pytest.raises(EvsError, match="is not shown"):
+        world.reset(scene={f"geom.{hidden}.alpha": 0.5})
 
 
 def light(world: World, _: bytes) -> Any:
