@@ -1,6 +1,6 @@
 #!/bin/sh
 # The MuJoCo and NumPy that people have: an environment a row in build/versions, and in each the
-# tests that do not depend on the extras, and an environment of the row's library seen by evs.Sensor.
+# tests that do not depend on the extras, and an environment of the row's library seen by evs.EventCamera.
 # One line a row; rows run side by side. Run by `make check`.
 #
 #   sh .ci/versions.sh [ROW...]      some rows only

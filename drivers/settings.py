@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from evs.emulator.base.small_files import read_small_text
-from evs.emulator.config.declaration import REPLACED_KEYS
 from evs.msgs import EvsError, nearest_first
 
 T = TypeVar("T")
@@ -343,9 +342,6 @@ def _quoted(text: str) -> str:
 def _unknown_key(path: str, root: type) -> EvsError:
     """The error for a key that does not exist: its path and the nearest that does."""
     # places in arrays stand as N in the known names: take over the digits of the path
-    table, _, key = path.rpartition(".")
-    if key in REPLACED_KEYS and table.rpartition(".")[2] == "sensor":
-        return EvsError(f"at {path}: {key} is no more; {REPLACED_KEYS[key]}")
     places = [part for part in path.split(".") if part.isdecimal()]
     known = []
     for name in key_names(root):

@@ -30,18 +30,13 @@ if TYPE_CHECKING:
     from evs.emulator.world import LeftOutWarning, UnstableError, UnstableWarning
     from evs.msgs import Observation
 
-    Loop = ClosedLoop
-    Sensor = EventCamera
-
 _HOMES = {
     "Camera": "evs.emulator.camera.camera:Camera",
     "ClosedLoop": "evs.emulator.simulation.closed_loop:ClosedLoop",
     "EventCamera": "evs.emulator.simulation.event_camera:EventCamera",
     "LeftOutWarning": "evs.emulator.world:LeftOutWarning",
-    "Loop": "evs.emulator.simulation.closed_loop:ClosedLoop",
     "Observation": "evs.msgs:Observation",
     "Pixels": "evs.emulator.simulation.pixels:Pixels",
-    "Sensor": "evs.emulator.simulation.event_camera:EventCamera",
     "UnstableError": "evs.emulator.world:UnstableError",
     "UnstableWarning": "evs.emulator.world:UnstableWarning",
     "View": "evs.emulator.camera.view:View",
@@ -55,10 +50,8 @@ __all__ = [
     "ClosedLoop",
     "EventCamera",
     "LeftOutWarning",
-    "Loop",
     "Observation",
     "Pixels",
-    "Sensor",
     "UnstableError",
     "UnstableWarning",
     "View",

@@ -15,7 +15,7 @@ from evs.drivers.gym.library import gymnasium
 from evs.drivers.gym.task import Reward, Task, random_unchanged_on_error, sized
 from evs.drivers.pictures import upscale
 from evs.drivers.run.sensor_ranges import read_ranges, split_ranges
-from evs.emulator import Loop, Observation, View
+from evs.emulator import ClosedLoop, Observation, View
 from evs.emulator.base.package_paths import in_package
 from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
@@ -82,7 +82,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
 
         Args:
             scene: MJCF or MJB file, `package:path`, MjModel or MjSpec
-            cameras: names of the model's, or descriptions, as of evs.Loop
+            cameras: names of the model's, or descriptions, as of evs.ClosedLoop
             observation: event_frame | voxel_grid | time_surface | packet
             encoders: the actuators' encoders too; observations then are a Dict
             bins: of the voxel grid
@@ -90,8 +90,8 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             capacity: events that a packet holds
             sensor: preset or SensorConfig
             size: (width, height) of the sensor, px; None: its own
-            render: the renderer, as of evs.Loop
-            model: the event model, as of evs.Loop
+            render: the renderer, as of evs.ClosedLoop
+            model: the event model, as of evs.ClosedLoop
             ticks: how many ticks a step takes
             tick_us: length of a tick, us
             max_s: simulated seconds after which an episode is truncated
@@ -99,7 +99,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             reward: name of a <sensor> -> weight of its length; or f(sensors, control) -> float
             alive: added for each step that did not terminate the episode
             start: name of a joint -> range of its position at reset; or f(random, data)
-            delays: between camera, agent and actuators, and packets lost, as of evs.Loop
+            delays: between camera, agent and actuators, and packets lost, as of evs.ClosedLoop
             keyframe: the one to start from; "" is as the model says
             control_range: name of an actuator -> (low, high), instead of its ctrlrange
             threads: of the renderer; several environments in parallel are fastest with one each
@@ -129,7 +129,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         sensor_ranges, scene_ranges = split_ranges(randomise)
         self.ranges = SensorRanges(sensor_ranges, sensor) if sensor_ranges else None
         """what the sensor of each episode is drawn from; None: it stays the same"""
-        self.loop = Loop(
+        self.loop = ClosedLoop(
             scene,
             cameras,
             tick_us=tick_us,

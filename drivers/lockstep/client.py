@@ -1,4 +1,4 @@
-"""A controller's end: the methods of evs.Loop, over the wire."""
+"""A controller's end: the methods of evs.ClosedLoop, over the wire."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ class RemoteLoop:
     def reset(
         self, seed: int | None = None, keyframe: str = "", state: bool = False
     ) -> Observation:
-        """Begin an episode, once every controller asks for it; see evs.Loop.reset."""
+        """Begin an episode, once every controller asks for it; see evs.ClosedLoop.reset."""
         if seed is not None and not (isinstance(seed, int) and abs(seed) <= MAX_INT64):
             raise EvsError(
                 f"seed is {seed!r}: give an integer of 64 bits, or None to keep the last"
@@ -169,14 +169,14 @@ class RemoteLoop:
         return self._seen(Step(ticks, None if ctrl is None else self._checked(ctrl)))
 
     def save(self, compress: bool = False) -> bytes:
-        """Return the whole loop as bytes; see evs.Loop.save."""
+        """Return the whole loop as bytes; see evs.ClosedLoop.save."""
         _, raw = self._ask(Save(bool(compress)))
         if len(raw) != 1:
             raise MessageError(f"a saved loop came in {len(raw)} frames, not 1")
         return bytes(raw[0])
 
     def restore(self, blob: bytes) -> Observation:
-        """Return to a saved state, once every controller asks for it; see evs.Loop.restore."""
+        """Return to a saved state, once every controller requests it; see ClosedLoop.restore."""
         if not isinstance(blob, bytes | bytearray | memoryview) or not blob:
             raise EvsError("these are no bytes of a saved state: give what save() gave")
         return self._seen(Restore(bytes(blob)))

@@ -17,7 +17,7 @@ from evs.drivers.run.run_loop import RunLoop
 from evs.drivers.run.sensor_control import SensorControl
 from evs.drivers.run.statistics import Totals
 from evs.drivers.run.stop_signals import stop_signals
-from evs.emulator import Loop, World
+from evs.emulator import ClosedLoop, World
 from evs.emulator.base.protocols import Meter
 from evs.msgs import EventPacket, EvsError, Observation, StreamInfo
 from evs.msgs.lockstep import F64
@@ -26,7 +26,7 @@ _STEP_ENDS_S = 1.0
 """A step that has taken longer does not keep a server from ending."""
 
 
-def loop_of(config: PipelineConfig, meter: Meter | None = None) -> Loop:
+def loop_of(config: PipelineConfig, meter: Meter | None = None) -> ClosedLoop:
     """The closed loop that a pipeline describes."""
     plain = config.emulation()
     if not config.lockstep.cameras:
@@ -39,13 +39,13 @@ def loop_of(config: PipelineConfig, meter: Meter | None = None) -> Loop:
         world = World(plain.scene, seed=plain.seed, threads=plain.threads, meter=meter)
         for camera in config.lockstep.cameras:
             world.add_camera(camera, sensor=plain.sensor, render=plain.render, model=plain.model)
-    return Loop.around(world, **config.loop.options())
+    return ClosedLoop.around(world, **config.loop.options())
 
 
 def serve(
     config: PipelineConfig,
     *,
-    make_loop: Callable[[Meter], Loop] | None = None,
+    make_loop: Callable[[Meter], ClosedLoop] | None = None,
     meter: StopWatch | None = None,
     warn: Callable[[str], None] | None = None,
     begun: Callable[[Sequence[str]], None] | None = None,
@@ -110,7 +110,7 @@ class ServedRun(RunLoop):
 
     def __init__(
         self,
-        loop: Loop,
+        loop: ClosedLoop,
         segments: Segments,
         watch: StopWatch,
         pacer: Pacer,

@@ -45,9 +45,6 @@ PACES = {"free": 0.0, "realtime": 1.0}
 LOCKSTEP = "lockstep"
 """the pace of a run that controllers drive"""
 
-WORKER = {"worker": "aside", "worker_mb": "aside_mb", "worker_cores": "aside_cores"}
-"""a key of a sink -> the one that it stands for; `worker` is a key of a whole pipeline, too"""
-
 PUBLISH = {
     "publish": "address",
     "publish_wait_for": "wait_for",
@@ -112,13 +109,13 @@ class SinkConfig(DriverParameters):
     """rerun, foxglove: simulated time between two pictures, us"""
     points: int | None = None
     """rerun: most points of each picture's cloud of events in x, y and time; 0: no cloud"""
-    aside: bool | None = None
+    worker: bool | None = None
     """true: run the sink in its own process, so it costs the camera only a copy; not given: as for
-    the whole run; worker, worker_mb and worker_cores are other names of these three keys"""
-    aside_mb: float | None = None
-    """aside: size of the buffer of packets for that process, MB; 64 if not given"""
-    aside_cores: tuple[int, ...] | None = None
-    """aside: processor cores that the process may use; not given: the cores of the camera"""
+    the whole run"""
+    worker_mb: float | None = None
+    """worker: size of the buffer of packets for that process, MB; 64 if not given"""
+    worker_cores: tuple[int, ...] | None = None
+    """worker: processor cores that the process may use; not given: the cores of the camera"""
 
     @property
     def target(self) -> str | None:
@@ -151,7 +148,7 @@ MAX_AHEAD = 64
 FILE_KEYS = ("overwrite",)
 """keys that every sink has that writes a file"""
 
-ASIDE_KEYS = ("aside", "aside_mb", "aside_cores")
+WORKER_KEYS = ("worker", "worker_mb", "worker_cores")
 """keys that every sink has"""
 
 
@@ -220,8 +217,8 @@ class PipelineConfig(RunConfig):
     beside: bool = False
     """true: if the file of a recording exists, record to run-1.aedat4 beside it; evs launch sets
     this for a node that it restarts"""
-    aside: bool = False
-    """true: run every sink in its own process, unless its table sets aside; also called worker"""
+    worker: bool = False
+    """true: run every sink in its own process, unless its table sets worker"""
     ahead: int = 2
     """ticks of physics and light to compute in advance, while pixels and sinks process the current
     tick; needs two cores and two threads; 0: one after the other. The bytes are the same"""
@@ -258,9 +255,9 @@ class PipelineConfig(RunConfig):
                 else sink
                 for sink in every
             ]
-        if self.aside:
+        if self.worker:
             every = [
-                dataclasses.replace(sink, aside=True) if sink.aside is None else sink
+                dataclasses.replace(sink, worker=True) if sink.worker is None else sink
                 for sink in every
             ]
         return tuple(sorted(every, key=lambda sink: sink.file is not None))
@@ -296,9 +293,9 @@ def load(
     if path is not None:
         config = _from_file(path)
     else:
-        config = settings.build(PipelineConfig, resolved_tables(tables or {}))
+        config = settings.build(PipelineConfig, tables or {})
     for key, text in overrides:
-        config = settings.override(config, resolved_key(key), text)
+        config = settings.override(config, key, text)
     config = with_paths(config, in_package)
     check(config, path)
     return config
@@ -308,39 +305,10 @@ def _from_file(path: Path) -> PipelineConfig:
     """Read a pipeline file; its name stands before an error in it."""
     tables = settings.read_toml(path)
     try:
-        config = settings.build(PipelineConfig, resolved_tables(tables))
+        config = settings.build(PipelineConfig, tables)
     except EvsError as error:
         raise EvsError(f"{path}: {error}") from None
     return with_paths(config, lambda text: beside(path, text))
-
-
-def resolved_key(key: str) -> str:
-    """Return the dotted key that a dotted key stands for; itself where it is no alias."""
-    path, dot, last = key.rpartition(".")
-    if path.startswith("sink."):
-        return f"{path}.{WORKER.get(last, last)}"
-    if not path and last == "worker":
-        return f"{dot}{WORKER[last]}"
-    return key
-
-
-def resolved_tables(tables: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a pipeline's tables without aliases. EvsError where one key is given by two names."""
-    found = _resolved(tables, {"worker": WORKER["worker"]}, "")
-    sinks = found.get("sink")
-    if isinstance(sinks, list | tuple):
-        found["sink"] = [
-            _resolved(sink, WORKER, f"sink.{place}.") if isinstance(sink, Mapping) else sink
-            for place, sink in enumerate(sinks)
-        ]
-    return found
-
-
-def _resolved(table: Mapping[str, Any], aliases: Mapping[str, str], path: str) -> dict[str, Any]:
-    for alias, key in aliases.items():
-        if alias in table and key in table:
-            raise EvsError(f"at {path}{alias}: {path}{key} is the same key; give one of them")
-    return {aliases.get(key, key): value for key, value in table.items()}
 
 
 def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
@@ -371,10 +339,10 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
         raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))
     for place, sink in enumerate(config.sink):
         _check_sink(sink, f"sink.{place}")
-        if not (config.aside if sink.aside is None else sink.aside):
-            for key in ASIDE_KEYS[1:]:
+        if not (config.worker if sink.worker is None else sink.worker):
+            for key in WORKER_KEYS[1:]:
                 if getattr(sink, key) is not None:
-                    raise EvsError(f"at sink.{place}.{key}: needs aside = true")
+                    raise EvsError(f"at sink.{place}.{key}: needs worker = true")
     config.emulation()
     _check_held(config)
     _check_outputs(config, pipeline)
@@ -423,17 +391,17 @@ def settled(tables: Iterable[SinkConfig], beside: bool) -> list[SinkConfig]:
 
 def make_sink(config: SinkConfig) -> Sink:
     """Make the sink of a table, not yet open. Its library is imported here, not before."""
-    if config.aside:
+    if config.worker:
         from evs.drivers.run.worker import WorkerSink
 
-        plain = dataclasses.replace(config, aside=None, aside_mb=None, aside_cores=None)
+        plain = dataclasses.replace(config, worker=None, worker_mb=None, worker_cores=None)
         return WorkerSink(
             # made here too, so that a bad value is reported before anything starts
             make_sink(plain),
             settings.to_plain(plain),
             lossless=bool(config.target),
-            ring_mb=config.aside_mb,
-            cores=config.aside_cores,
+            ring_mb=config.worker_mb,
+            cores=config.worker_cores,
         )
     options = {
         key: value
@@ -506,7 +474,7 @@ def sinks_of(words: Iterable[str]) -> list[SinkConfig]:
     for key, text in map(settings.split_word, words):
         if not key.startswith("sink."):
             raise EvsError(f"no key '{key}' here: give those of sinks, as in sink.0.type=dv")
-        found = settings.override(found, resolved_key(key), text)
+        found = settings.override(found, key, text)
     for place, sink in enumerate(found.sink):
         _check_sink(sink, f"sink.{place}")
         for key in driver_parameters.OF_THE_SENSOR:
@@ -521,7 +489,7 @@ def _check_sink(sink: SinkConfig, path: str) -> None:
     place = SINK_PLACES[sink.type]
     own = (place, *SINK_KEYS[sink.type]) if place else SINK_KEYS[sink.type]
     writes = place in ("file", "rrd") or sink.mcap
-    also = (*(FILE_KEYS if writes else ()), *ASIDE_KEYS)
+    also = (*(FILE_KEYS if writes else ()), *WORKER_KEYS)
     for field in dataclasses.fields(sink):
         if field.name not in ("type", *own, *also) and getattr(sink, field.name) is not None:
             has = ", ".join(own)

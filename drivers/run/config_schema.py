@@ -8,7 +8,7 @@ import typing
 from collections.abc import Mapping
 from typing import Any
 
-from evs.drivers.run.config import SINK_PLACES, WORKER, PipelineConfig
+from evs.drivers.run.config import SINK_PLACES, PipelineConfig
 from evs.drivers.run.config_keys import field_docs
 from evs.drivers.settings import to_plain
 from evs.emulator.config.declaration import Declaration, declaration
@@ -25,11 +25,8 @@ def pipeline_schema() -> Schema:
     """The JSON Schema of a pipeline file: its tables, keys, types, ranges, defaults and meaning."""
     schema = _table(PipelineConfig)
     keys = schema["properties"]
-    keys["worker"] = keys["aside"]
     sink = keys["sink"]["items"]["properties"]
     sink["type"]["enum"] = list(SINK_PLACES)
-    for alias, key in WORKER.items():
-        sink[alias] = sink[key]
     keys["randomise"] = {
         "type": "object",
         "description": "ranges for keys of [sensor], as in cutoff_hz = 'uniform(100, 300)', and of "

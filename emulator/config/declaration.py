@@ -29,10 +29,6 @@ REQUIRED: Any = MISSING
 
 _KEY = "parameter"
 
-HOT_TAIL = "hot pixels are a tail now: give sensor.hot_leak_median_hz and hot_leak_cov_decades"
-REPLACED_KEYS = {"hot_pixel_fraction": HOT_TAIL, "hot_pixel_rate_hz": HOT_TAIL}
-"""key of [sensor] that is no more -> what to give instead, for messages"""
-
 
 @dataclass(frozen=True)
 class Declaration:

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 from evs.emulator.base.small_files import is_file, read_small_text
 from evs.emulator.config import SensorConfig
-from evs.emulator.config.declaration import REPLACED_KEYS, declaration
+from evs.emulator.config.declaration import declaration
 from evs.emulator.sensor.bias_laws import Nominal, effective, nominal_biases, with_biases
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.msgs import EvsError, unknown
@@ -159,8 +159,6 @@ def fill(kind: type[P], file: SensorFile, config: Any, **fixed: Any) -> P:
     hints = typing.get_type_hints(kind)
     known = [field.name for field in fields(kind) if field.name not in fixed]  # type: ignore[arg-type]
     for key in file.values:
-        if key in REPLACED_KEYS and not file.prefix:
-            raise EvsError(f"sensor file {file.path}: {key} is no more; {REPLACED_KEYS[key]}")
         if key not in known:
             names = [file.prefix + name for name in known]
             raise unknown(f"key of sensor file {file.path}", file.prefix + key, names)

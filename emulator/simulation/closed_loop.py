@@ -396,7 +396,3 @@ class ClosedLoop:
     def streams(self) -> tuple[StreamInfo, ...]:
         """What is constant of each camera."""
         return tuple(camera.info for camera in self.world.cameras)
-
-
-Loop = ClosedLoop
-"""The short name."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.emulator.config import ApsConfig, SensorConfig
-from evs.emulator.simulation.closed_loop import Loop
+from evs.emulator.simulation.closed_loop import ClosedLoop
 from evs.emulator.world import MjData
 from evs.msgs import Observation
 
@@ -17,7 +17,7 @@ LONGEST_US = 5000
 """longest exposure of a slow camera, which is enough in bright light"""
 
 
-class SeededLoop(Loop, ABC):
+class SeededLoop(ClosedLoop, ABC):
     """A closed loop whose seed draws the start of an episode."""
 
     def reset(
@@ -29,7 +29,7 @@ class SeededLoop(Loop, ABC):
         sensor: str | SensorConfig | None = None,
         scene: Mapping[str, float] | None = None,
     ) -> Observation:
-        """Reset as Loop does; without `start`, the seed draws one.
+        """Reset as ClosedLoop does; without `start`, the seed draws one.
 
         Args:
             seed: None is 0.

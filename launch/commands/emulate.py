@@ -42,7 +42,6 @@ OPTIONS = {
         "public keys that may subscribe to --publish: files, folders",
     ),
     "worker": ("worker", "", "run every sink in its own process, so that no sink slows a tick"),
-    "aside": ("aside", "", "the former name of --worker"),
     "insecure": ("publish_insecure", "", "let other machines subscribe to --publish without a key"),
     "model-everything": ("plan.everything", "", "also run code paths that the scene does not need"),
     "threads": ("threads", "N", "worker threads; 0: one per core"),

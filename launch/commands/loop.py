@@ -13,7 +13,7 @@ from evs.msgs import EvsError, unknown
 
 if TYPE_CHECKING:
     from evs.emulator.base.protocols import Meter
-    from evs.emulator.simulation.closed_loop import Loop
+    from evs.emulator.simulation.closed_loop import ClosedLoop
     from evs.examples.cartpole.controller import CartPoleController
     from evs.examples.goalie.controller import Goalkeeper
     from evs.examples.pencil.controller import Controller
@@ -30,7 +30,7 @@ WORLD: dict[str, dict[str, float | None]] = {
 """option -> the loops that have it, with its default"""
 
 SERVED = (
-    *("record", "overwrite", "beside", "publish", "sink", "aside", "worker", "report"),
+    *("record", "overwrite", "beside", "publish", "sink", "worker", "report"),
     *("lockstep", "pace", "realtime"),
 )
 """keys of a pipeline that --serve accepts, by their first part"""
@@ -323,7 +323,7 @@ def _serve(args: argparse.Namespace) -> int:
     return serve_loop.serve(config, args.quiet, lambda meter: _loop(args, meter), reported)
 
 
-def _loop(args: argparse.Namespace, meter: Meter) -> Loop:
+def _loop(args: argparse.Namespace, meter: Meter) -> ClosedLoop:
     from evs.examples import goalie, pencil
 
     if args.name == "goalie":

@@ -16,14 +16,14 @@ from evs.launch.support.reinvoke import command
 from evs.launch.support.report_writer import ReportWriter
 
 if TYPE_CHECKING:
-    from evs.emulator import Loop
+    from evs.emulator import ClosedLoop
     from evs.emulator.base.protocols import Meter
 
 
 def serve(
     config: pipeline.PipelineConfig,
     quiet: bool,
-    make_loop: Callable[[Meter], Loop] | None = None,
+    make_loop: Callable[[Meter], ClosedLoop] | None = None,
     reported_config: Mapping[str, Any] | None = None,
 ) -> int:
     """Serve until a controller or a signal ends it; return the exit code.

@@ -46,5 +46,5 @@ def page_of_run(wanted: bool) -> Iterator[list[SinkConfig]]:
         packets, control = (f"ipc://{Path(folder) / name}" for name in ("packets", "control"))
         with page_beside(PageRequest(packets, control)):
             yield [
-                SinkConfig(type="zmq", address=packets, control=control, wait_for=1, aside=False)
+                SinkConfig(type="zmq", address=packets, control=control, wait_for=1, worker=False)
             ]

@@ -2,8 +2,8 @@
 
 The camera, ZeroMQ's own thread with it, is pinned to one core; `evs record` and a counter are
 processes on the others. Each tick sends 5000 events: 5 Mev/s at 1 ms. Three ways take turns: nobody
-listens, two do, two do and the publisher is aside, in a process of its own on the other cores. Time
-is the camera's own on its core, all threads, which is the same however busy the machine is.
+listens, two do, two do and the publisher runs in a worker on the other cores. Time is the camera's
+own on its core, all threads, which is the same however busy the machine is.
 """
 
 from __future__ import annotations
@@ -55,18 +55,18 @@ def ticks(sender: Sink, seq: int, body: np.ndarray) -> float:
 def test_publishing_beside_a_tick(tmp_path: Path) -> None:
     cores = sorted(os.sched_getaffinity(0))
     rest = tuple(cores[1:] or cores)
-    addresses = {"beside": free_address(), "aside": free_address()}
+    addresses = {"beside": free_address(), "worker": free_address()}
     ways: dict[str, Sink] = {
         "nobody": Publisher("tcp://127.0.0.1:0"),
         "beside": Publisher(addresses["beside"], wait_for=2, wait_s=60),
-        "aside": make_sink(
+        "worker": make_sink(
             SinkConfig(
                 type="zmq",
-                address=addresses["aside"],
+                address=addresses["worker"],
                 wait_for=2,
                 wait_s=60.0,
-                aside=True,
-                aside_cores=rest,
+                worker=True,
+                worker_cores=rest,
             )
         ),
     }
@@ -106,7 +106,7 @@ def test_publishing_beside_a_tick(tmp_path: Path) -> None:
     print(f"\nms a tick of 5000 events, two listeners or nobody: {told}")
     for way in addresses:
         print(f"{way}: {said[way]['events_sent'] / 1e6:.1f} million events were sent")
-    print(f"aside: {said['aside']['aside_packets_dropped']} packets dropped")
+    print(f"worker: {said['worker']['worker_packets_dropped']} packets dropped")
     for way in addresses:
         slower = 100 * (ms[way] / ms["nobody"] - 1)
         print(target(f"{way}: a tick is slowed by", slower, 5.0, "%"))

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator import Loop, World
+from evs.emulator import ClosedLoop, World
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.schema import DelayConfig
 
@@ -40,8 +40,8 @@ def test_a_step_beside_a_tick_of_its_world():
         return made
 
     bare = world()
-    loop = Loop.around(world(), limits={"angle": (-9.0, 9.0)}, max_s=3600.0)
-    late = Loop.around(world(), delays=DelayConfig(2000, 300.0, 0.01, 1000, 300.0))
+    loop = ClosedLoop.around(world(), limits={"angle": (-9.0, 9.0)}, max_s=3600.0)
+    late = ClosedLoop.around(world(), delays=DelayConfig(2000, 300.0, 0.01, 1000, 300.0))
     for one in (loop, late):
         one.reset()
     ctrl = np.zeros(1)

@@ -13,7 +13,7 @@ from evs.drivers.gym.registration import ENVIRONMENTS
 from speed.turns import Table, milliseconds
 
 STEPS = 40
-BARE = "evs.Loop alone"
+BARE = "evs.ClosedLoop alone"
 
 
 def env_steps(name: str, kind: str) -> Callable[[], object]:

@@ -2,8 +2,8 @@
 
 The tick is a real one (a spinning bar under a DAVIS346, traced anew each ms); the packets that it
 hands out hold a set number of events, so that the rate is what the issue names. Without sinks and
-with them take turns. `aside`: the sink has that key, it runs in a process of its own. A recorder of
-the first rows is a process that listens to the bus; aside, the camera writes a file of its own too.
+with them take turns. `worker`: the sink runs in a process of its own. A recorder of the first
+rows is a process that listens to the bus; with workers, the camera writes its own file, too.
 Processor time of the camera's process, so that other people's programs do not count.
 """
 
@@ -126,17 +126,17 @@ later(("dv", "dv"), lambda: server.ports.get(f"{info.camera}/events", 0))
 server.open([info])
 ros2.open([info])
 
-def aside(**given):
-    return make_sink(SinkConfig(aside=True, aside_cores=tuple(others), **given))
+def worker(**given):
+    return make_sink(SinkConfig(worker=True, worker_cores=tuple(others), **given))
 
 bus, dv = free_address(), free_address()
-bus_aside = aside(type="zmq", address=bus, wait_for=2, wait_s=30.0)
-dv_aside = aside(type="dv", address=dv, wait_for=2, wait_s=30.0)
-file_aside = aside(type="aedat4", file=folder + "/camera.aedat4")
-ros2_aside = aside(type="ros2", domain_id=domains[1], node="eye", wait_for=1, wait_s=30.0)
+bus_worker = worker(type="zmq", address=bus, wait_for=2, wait_s=30.0)
+dv_worker = worker(type="dv", address=dv, wait_for=2, wait_s=30.0)
+file_worker = worker(type="aedat4", file=folder + "/camera.aedat4")
+ros2_worker = worker(type="ros2", domain_id=domains[1], node="eye", wait_for=1, wait_s=30.0)
 ports = {"echo": bus, "recorder": bus, "dv": dv.rpartition(":")[2]}
-for sink, names in ((bus_aside, ("echo", "recorder")), (dv_aside, ("dv", "dv")), (file_aside, ()),
-                    (ros2_aside, ())):
+for sink, names in ((bus_worker, ("echo", "recorder")), (dv_worker, ("dv", "dv")),
+                    (file_worker, ()), (ros2_worker, ())):
     sink.prepare()
     processes += [start(name, ports[name]) for name in names]
     # who came before the port was there has to come again
@@ -144,11 +144,11 @@ for sink, names in ((bus_aside, ("echo", "recorder")), (dv_aside, ("dv", "dv")),
 sets = {"no sink": (), "bus, listener and recorder": (publisher,), "DV, two clients": (server,),
         "bus and DV, all of these": (publisher, server),
         "ROS 2, a reader of the events": (ros2,),
-        "aside: ROS 2, a reader of the events": (ros2_aside,),
-        "aside: bus, listener and recorder": (bus_aside,),
-        "aside: bus and the camera's own file": (bus_aside, file_aside),
-        "aside: bus, file and DV, two clients": (bus_aside, file_aside, dv_aside),
-        "aside: bus, file, DV and ROS 2": (bus_aside, file_aside, dv_aside, ros2_aside)}
+        "worker: ROS 2, a reader of the events": (ros2_worker,),
+        "worker: bus, listener and recorder": (bus_worker,),
+        "worker: bus and the camera's own file": (bus_worker, file_worker),
+        "worker: bus, file and DV, two clients": (bus_worker, file_worker, dv_worker),
+        "worker: bus, file, DV and ROS 2": (bus_worker, file_worker, dv_worker, ros2_worker)}
 taken = {name: [] for name in sets}
 seq = 0
 for lap in range(rounds + 1):
@@ -169,11 +169,11 @@ for lap in range(rounds + 1):
         if lap:
             taken[name].append(1e3 * (time.process_time() - begin) / ticks)
 said = {"bus": publisher.close(), "dv": server.close(), "ros2": ros2.close()}
-waited = [sink.close() for sink in (ros2_aside, dv_aside, file_aside, bus_aside)]
+waited = [sink.close() for sink in (ros2_worker, dv_worker, file_worker, bus_worker)]
 for process in processes: process.wait(30)
 spread = {k: np.quantile(v, (0.5, 0.25, 0.75)).tolist() for k, v in taken.items()}
 print(json.dumps({"taken": spread, "dropped": said["dv"]["packets_dropped"],
-                  "aside": {k: v for one in waited for k, v in one.items() if "aside" in k}}))
+                  "worker": {k: v for one in waited for k, v in one.items() if "worker" in k}}))
 """
 
 
@@ -197,7 +197,7 @@ def test_what_sinks_cost_a_tick(tmp_path: Path) -> None:
         )
         assert done.returncode == 0, done.stderr
         found = json.loads(done.stdout)
-        print(f"\n{rate}: {found['aside']}")
+        print(f"\n{rate}: {found['worker']}")
         columns[rate] = {name: Time(*three) for name, three in found["taken"].items()}
     yardsticks = {name: NONE for name in columns["1 Mev/s"] if name != NONE}
     print(
@@ -206,10 +206,10 @@ def test_what_sinks_cost_a_tick(tmp_path: Path) -> None:
         )
     )
     for rate, name in (
-        ("5 Mev/s", "aside: bus, listener and recorder"),
-        ("5 Mev/s", "aside: bus and the camera's own file"),
-        ("1 Mev/s", "aside: bus, file and DV, two clients"),
-        ("1 Mev/s", "aside: bus, file, DV and ROS 2"),
+        ("5 Mev/s", "worker: bus, listener and recorder"),
+        ("5 Mev/s", "worker: bus and the camera's own file"),
+        ("1 Mev/s", "worker: bus, file and DV, two clients"),
+        ("1 Mev/s", "worker: bus, file, DV and ROS 2"),
         ("5 Mev/s", "bus, listener and recorder"),
         ("1 Mev/s", "bus and DV, all of these"),
     ):

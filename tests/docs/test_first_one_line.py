@@ -15,7 +15,7 @@ from PIL import Image
 from evs.drivers.bus.keys import write_keys
 from evs.drivers.pictures import write_png
 from evs.drivers.run.config import load
-from evs.emulator import Loop, Sensor, World
+from evs.emulator import ClosedLoop, EventCamera, World
 from evs.emulator.config import CameraConfig, SensorConfig
 from evs.emulator.world import bind_camera, load_model
 from evs.launch.main import main
@@ -73,7 +73,7 @@ def test_toml_that_python_itself_gives_up_on(tmp_path: Path, text: str, said: st
 @pytest.mark.parametrize("time", [1e13, -1e13, 1e300])
 def test_a_time_that_no_stamp_holds(time: float) -> None:
     own = model()
-    sensor, data = Sensor(own, sensor=SMALL), mujoco.MjData(own)
+    sensor, data = EventCamera(own, sensor=SMALL), mujoco.MjData(own)
     mujoco.mj_forward(own, data)
     data.time = time
     with pytest.raises(EvsError, match="stamps in us end at"):
@@ -88,7 +88,7 @@ def test_an_index_that_points_to_nothing(field: str, value: int) -> None:
     own = model()
     getattr(own, field).flat[0] = value
     with pytest.raises(EvsError, match=rf"model\.{field}\[0.*\] is {value}, but n"):
-        Sensor(own, sensor=SMALL)
+        EventCamera(own, sensor=SMALL)
 
 
 def test_a_physics_step_that_never_fills_a_tick() -> None:
@@ -109,7 +109,7 @@ def test_a_class_of_the_same_name_is_told_apart() -> None:
         pass
 
     with pytest.raises(EvsError, match=r"not tests?.*\.MjModel|not test_first_one_line\.MjModel"):
-        Sensor(MjModel())  # type: ignore[arg-type]
+        EventCamera(MjModel())  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_a_picture_that_found_no_room_leaves_nothing(
 
 def test_what_python_shows_of_them() -> None:
     own = model()
-    sensor, world = Sensor(own, sensor=SMALL, name="eye"), World(own)
+    sensor, world = EventCamera(own, sensor=SMALL, name="eye"), World(own)
     assert repr(sensor) == "<evs.EventCamera 'eye': dvs128 16 x 12, nothing seen yet>"
     assert repr(world) == "<evs.World: no camera yet; t 0 s, ticks of 1000 us>"
     world.add_camera("lens", sensor=SMALL)
@@ -192,5 +192,5 @@ def test_what_python_shows_of_them() -> None:
     assert repr(TriggerPacket(2)) == "<TriggerPacket 2 of 'camera': 0 triggers>"
     frame = Frame(1, 0, 5, 9, 10, np.zeros((12, 16), np.uint8))
     assert repr(frame) == "<Frame 1 of 'camera', 16 x 12 uint8, exposed 5 ... 9 us>"
-    assert repr(Loop(own)).startswith("<evs.ClosedLoop around <evs.World: lens; t 0 s")
+    assert repr(ClosedLoop(own)).startswith("<evs.ClosedLoop around <evs.World: lens; t 0 s")
     assert repr(EventPacket(3, 5, 9, 2, 2)).endswith(": 0 events, 5 ... 9 us>")

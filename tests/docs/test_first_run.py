@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.emulator import Loop, World
+from evs.emulator import ClosedLoop, World
 from evs.emulator.config import SceneConfig
 from evs.launch.main import main
 from evs.msgs import EvsError
@@ -99,7 +99,7 @@ def test_home_is_where_it_starts_and_what_it_holds(
 
 
 def test_a_loop_starts_at_home_and_holds_it_until_a_decision(robot: str) -> None:
-    loop = Loop(robot)
+    loop = ClosedLoop(robot)
     loop.reset()
     assert loop.world.data.qpos[0] == 0.4
     loop.step(ticks=5)

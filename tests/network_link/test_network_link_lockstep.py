@@ -121,7 +121,7 @@ def in_process(*steps: tuple[int, int]) -> dict[str, Any]:
     sensor = SensorConfig("dvs128", width=WIDTH, height=HEIGHT)
     delays = evs.DelayConfig(transport_us=1500, drop_share=0.02)
     render = evs.RenderConfig(spp=1)
-    loop = evs.Loop(str(SCENE), sensor=sensor, render=render, threads=1, delays=delays)
+    loop = evs.ClosedLoop(str(SCENE), sensor=sensor, render=render, threads=1, delays=delays)
     digest, seen, number = hashlib.sha256(), loop.reset(seed=11), 0
     for count, ticks in steps:
         for _ in range(count):

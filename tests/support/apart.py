@@ -7,7 +7,7 @@ import sys
 import threading
 
 from evs.drivers.lockstep import LockstepServer
-from evs.emulator.simulation.closed_loop import Loop
+from evs.emulator.simulation.closed_loop import ClosedLoop
 
 PROCESS = """
 import sys
@@ -20,7 +20,7 @@ raise SystemExit(code)
 """
 
 
-def controlled_apart(name: str, loop: Loop) -> str:
+def controlled_apart(name: str, loop: ClosedLoop) -> str:
     """What the controller called `name` prints, in a process of its own, with seed 3."""
     server = LockstepServer(loop, "tcp://127.0.0.1:0")
     server.open()

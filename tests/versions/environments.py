@@ -49,7 +49,7 @@ def watch(env: Any, action: Callable[[], Any], camera: str = "", every: str = "s
 
 def refused(thing: Any, says: str) -> None:
     with pytest.raises(evs.EvsError, match=says):
-        evs.Sensor(thing)
+        evs.EventCamera(thing)
 
 
 def test_metaworld() -> None:

@@ -14,8 +14,4 @@ __all__ = [
     "report_progress",
     "run_jobs",
     "run_units",
-    "tell_share",
 ]
-
-tell_share = report_progress
-"""the former name of report_progress"""

@@ -13,7 +13,7 @@ import numpy as np
 from evs.drivers.bus import Publisher, subscribe
 from evs.drivers.files import formats, messages, stream_of
 from evs.drivers.run.run import run
-from evs.emulator import Sensor, World
+from evs.emulator import EventCamera, World
 from evs.emulator.base.stamps import MAX_START_US, later_events
 from evs.emulator.config import SceneConfig, SensorConfig
 from evs.emulator.world import MjData, load_model
@@ -119,9 +119,12 @@ def _late(scene: Path, begin_s: float) -> int:
 
 
 def _observed(scene: Path, begin_s: float) -> Events:
-    """Events of a Sensor in a caller's own loop, whose clock begins at `begin_s`."""
+    """Events of an EventCamera in a caller's own loop, whose clock begins at `begin_s`."""
     model = load_model(scene)
-    sensor, data = Sensor(model, "eye", sensor=_small_sensor(FLASH_PX), threads=1), MjData(model)
+    sensor, data = (
+        EventCamera(model, "eye", sensor=_small_sensor(FLASH_PX), threads=1),
+        MjData(model),
+    )
     parts = []
     for tick in range(40):
         data.mocap_pos[0] = (-FLASH_PX / 2 - tick % len(PERIOD) * FLASH_PX, 0, 0)
@@ -280,8 +283,8 @@ CASES = (
     StressCase(
         "a-day",
         "time",
-        "24 h of stream time in a run loop (ticks of 1 s); a Sensor whose clock begins a day late, "
-        "at 2^31 us, 2^32 us and a Unix time",
+        "24 h of stream time in a run loop (ticks of 1 s); an EventCamera whose clock begins a day "
+        "late, at 2^31 us, 2^32 us and a Unix time",
         "every hour has the bytes of the second, and as many events as the closed form; nothing is "
         "kept per tick (16 bytes would be seen); late clocks change the stamps alone",
         _day,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.files.aedat4 import Aedat4Recorder
-from evs.emulator import Loop, config
+from evs.emulator import ClosedLoop, config
 from evs.msgs import EventPacket, EvsError, Observation
 from evs.tools.testing.pushes import Push, Pushes, plain_pushes, pushes_of
 from evs.tools.testing.run import Trace
@@ -43,11 +43,16 @@ class LoopOrigin:
     scene: str = ""
     """the file of the scene; "": it was not a file"""
     options: dict[str, Any] | None = None
-    """of the Loop, as `plain_options` returns them; None: JSON cannot hold them"""
+    """of the ClosedLoop, as `plain_options` returns them; None: JSON cannot hold them"""
 
 
 def leave_behind(
-    folder: Path, loop: Loop, trace: Trace, ticks: int, pushes: Sequence[Push], origin: LoopOrigin
+    folder: Path,
+    loop: ClosedLoop,
+    trace: Trace,
+    ticks: int,
+    pushes: Sequence[Push],
+    origin: LoopOrigin,
 ) -> tuple[str, ...]:
     """Write seed-N.npz, and one seed-N-CAMERA.aedat4 for each camera.
 
@@ -92,7 +97,7 @@ def leave_behind(
     )
 
 
-def replay(path: str | Path, loop: Loop | None = None) -> Iterator[Observation]:
+def replay(path: str | Path, loop: ClosedLoop | None = None) -> Iterator[Observation]:
     """Run an episode again from the file that a failed claim left behind: the same bytes.
 
     Args:
@@ -119,12 +124,12 @@ def replay(path: str | Path, loop: Loop | None = None) -> Iterator[Observation]:
         pushes.end()
 
 
-def _loop_of(about: dict[str, Any], path: str | Path) -> Loop:
+def _loop_of(about: dict[str, Any], path: str | Path) -> ClosedLoop:
     if not about["scene"] or about["options"] is None:
         raise EvsError(
             f"'{path}' does not say how its loop was made: give loop=, made as in the test"
         )
-    return Loop(about["scene"], **options_of(about["options"]))
+    return ClosedLoop(about["scene"], **options_of(about["options"]))
 
 
 def _read(path: Path) -> tuple[dict[str, Any], Any, bytes]:
@@ -142,7 +147,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Any, bytes]:
     return about, ctrl, start
 
 
-def _record(folder: Path, loop: Loop, file: Path, seed: int) -> list[Path]:
+def _record(folder: Path, loop: ClosedLoop, file: Path, seed: int) -> list[Path]:
     """The events of every camera, before any delay, one AEDAT4 file each."""
     paths = [folder / f"seed-{seed}-{stream.camera}.aedat4" for stream in loop.streams]
     sinks = [Aedat4Recorder(path) for path in paths]
@@ -170,7 +175,7 @@ def _record(folder: Path, loop: Loop, file: Path, seed: int) -> list[Path]:
 
 
 def plain_options(options: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The options of a Loop as JSON values; None if JSON cannot hold one of them."""
+    """The options of a ClosedLoop as JSON values; None if JSON cannot hold one of them."""
     try:
         return {name: _plain(value) for name, value in options.items()}
     except TypeError:
@@ -178,7 +183,7 @@ def plain_options(options: Mapping[str, Any]) -> dict[str, Any] | None:
 
 
 def options_of(plain: Mapping[str, Any]) -> dict[str, Any]:
-    """The options of a Loop from what `plain_options` returned."""
+    """The options of a ClosedLoop from what `plain_options` returned."""
     return {name: _value(value) for name, value in plain.items()}
 
 

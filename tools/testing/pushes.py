@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from evs.emulator import Loop
+from evs.emulator import ClosedLoop
 from evs.msgs import EventPacket, EvsError, unknown
 
 Vector = tuple[float, float, float]
@@ -34,7 +34,7 @@ class Push:
 class Pushes:
     """All pushes of an episode, applied to a loop at the beginning of each of its ticks."""
 
-    def __init__(self, loop: Loop, pushes: Sequence[Push]) -> None:
+    def __init__(self, loop: ClosedLoop, pushes: Sequence[Push]) -> None:
         """Prepare the pushes of an episode.
 
         Args:

@@ -36,7 +36,7 @@ class Trace:
     done: str
     """why it ended early; "": it did not"""
     start: Any
-    """the initial state, from Loop.save"""
+    """the initial state, from ClosedLoop.save"""
 
     @property
     def t_s(self) -> F64:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.drivers.clock import monotonic_s
-from evs.emulator import Loop
+from evs.emulator import ClosedLoop
 from evs.emulator.base.package_paths import in_package
 from evs.emulator.config.plain_values import plain_integer
 from evs.emulator.simulation.initial_states import Start, begin, check_start
@@ -37,7 +37,7 @@ class LoopRunner:
 
     def __call__(
         self,
-        scene: Scene | Loop,
+        scene: Scene | ClosedLoop,
         controller: Callable[[], Decide],
         *,
         seconds: float = 5.0,
@@ -52,7 +52,7 @@ class LoopRunner:
         """Run the controller once for each seed, for `seconds` of simulated time, in lock-step.
 
         Args:
-            scene: a file, `package:path`, MjModel or MjSpec; or a Loop, then without options.
+            scene: a file, `package:path`, MjModel or MjSpec; or a ClosedLoop, then without options.
             controller: makes a controller for each seed: a class, or `lambda: function`. The
                 controller is called with each Observation, and returns controls.
             seconds: length of an episode, simulated time.
@@ -62,7 +62,7 @@ class LoopRunner:
             keyframe: keyframe to start from.
             pushes: forces from outside.
             sensors: names of the <sensor>s that claims can use; None: all that have a name.
-            options: of evs.Loop: cameras, sensor, limits, delays, tick_us, ...
+            options: of evs.ClosedLoop: cameras, sensor, limits, delays, tick_us, ...
 
         Returns:
             The episodes, with assertions.
@@ -107,7 +107,7 @@ class LoopRunner:
 class _Episode:
     """One episode while it runs."""
 
-    def __init__(self, loop: Loop, named: NamedSensors, seed: int, seen: Observation) -> None:
+    def __init__(self, loop: ClosedLoop, named: NamedSensors, seed: int, seen: Observation) -> None:
         self._loop, self._named, self._seed, self._seen = loop, named, seed, seen
         self._start = loop.save()
         self._events = 0
@@ -153,17 +153,17 @@ class _Episode:
         )
 
 
-def _loop_of(scene: Scene | Loop, options: dict[str, Any]) -> tuple[Loop, LoopOrigin]:
+def _loop_of(scene: Scene | ClosedLoop, options: dict[str, Any]) -> tuple[ClosedLoop, LoopOrigin]:
     """The loop, and how it was made."""
-    if isinstance(scene, Loop):
+    if isinstance(scene, ClosedLoop):
         if options:
-            raise EvsError(f"{next(iter(options))}= belongs to the Loop: give it there")
+            raise EvsError(f"{next(iter(options))}= belongs to the ClosedLoop: give it there")
         return scene, LoopOrigin()
     file = str(Path(in_package(str(scene))).absolute()) if isinstance(scene, str | Path) else ""
     try:
-        return Loop(file or scene, **options), LoopOrigin(file, plain_options(options))
+        return ClosedLoop(file or scene, **options), LoopOrigin(file, plain_options(options))
     except TypeError as reason:
-        raise EvsError(f"evs_loop: {reason}; see help(evs.Loop)") from None
+        raise EvsError(f"evs_loop: {reason}; see help(evs.ClosedLoop)") from None
 
 
 def _starter(start: Start | None, seed: int) -> Callable[[MjData], None] | None:

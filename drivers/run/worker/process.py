@@ -47,7 +47,7 @@ class WorkerProcess:
         except OSError as reason:
             ours.close()
             raise EvsError(
-                f"cannot start a process for the {name}: {reason.strerror}; leave aside out"
+                f"cannot start a process for the {name}: {reason.strerror}; leave worker out"
             ) from None
         finally:
             theirs.close()

@@ -248,12 +248,12 @@ def _open(link: socket.socket, setup: dict[str, Any]) -> tuple[Sink, list[Stream
 
     if setup["cores"] is not None:
         if not hasattr(os, "sched_setaffinity"):
-            raise EvsError("aside_cores needs Linux: leave it out")
+            raise EvsError("worker_cores needs Linux: leave it out")
         try:
             os.sched_setaffinity(0, setup["cores"])
         except OSError:
             have = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
-            raise EvsError(f"aside_cores is {setup['cores']}: choose of {have}") from None
+            raise EvsError(f"worker_cores is {setup['cores']}: choose of {have}") from None
     streams = [StreamInfo(**stream) for stream in setup["streams"]]
     with _unless_abandoned(link), disk_errors():
         sink = make_sink(settings.build(SinkConfig, setup["sink"]))

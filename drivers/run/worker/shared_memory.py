@@ -72,8 +72,8 @@ class SharedMemory:
         most = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 4
         if size > most:
             raise EvsError(
-                f"{size / 1e6:.0f} MB of memory for a sink aside are over a quarter of this "
-                f"machine's; give {most // 1_000_000} or less as its aside_mb"
+                f"{size / 1e6:.0f} MB of memory for a worker sink are over a quarter of this "
+                f"machine's; give {most // 1_000_000} or less as its worker_mb"
             )
         number = -1
         try:
@@ -85,8 +85,8 @@ class SharedMemory:
             if number >= 0:
                 os.close(number)
             raise EvsError(
-                f"no {size / 1e6:.0f} MB of memory for a sink aside: {reason.strerror}; "
-                "give less as its aside_mb, or leave aside out"
+                f"no {size / 1e6:.0f} MB of memory for a worker sink: {reason.strerror}; "
+                "give less as its worker_mb, or leave worker out"
             ) from None
 
     @classmethod
@@ -118,7 +118,7 @@ class SharedMemory:
 def _nameless() -> int:
     """Return the number of a new file that no folder lists."""
     if hasattr(os, "memfd_create"):
-        return os.memfd_create("evs-aside")
+        return os.memfd_create("evs-worker")
     with tempfile.TemporaryFile() as file:
         return os.dup(file.fileno())
 

@@ -65,7 +65,7 @@ class WorkerSink(Sink):
         """
         ring_mb = RING_MB if ring_mb is None else ring_mb
         if not (math.isfinite(ring_mb) and 0.001 <= ring_mb <= _MOST_MB):
-            raise EvsError(f"aside_mb is {ring_mb:g}: give the MB of the ring, as in {RING_MB:g}")
+            raise EvsError(f"worker_mb is {ring_mb:g}: give the MB of the ring, as in {RING_MB:g}")
         self._config, self._lossless = dict(config), lossless
         self._ring_bytes = 64 * math.ceil(ring_mb * 1e6 / 64)
         self._cores = None if cores is None else list(cores)
@@ -80,7 +80,7 @@ class WorkerSink(Sink):
         self._torn = ""
         self._closed_report: dict[str, Any] = {"type": config["type"]}
         self._waits, self._waited_s = 0, 0.0
-        self._dropped = {"aside_packets_dropped": 0, "aside_others_dropped": 0}
+        self._dropped = {"worker_packets_dropped": 0, "worker_others_dropped": 0}
         self._events_dropped = 0
 
     @property
@@ -112,7 +112,7 @@ class WorkerSink(Sink):
         """Have the sink opened by the worker. Raises EvsError with the line of its error."""
         if len(streams) > shared_memory.MAX_CAMERAS:
             raise EvsError(
-                f"{len(streams)} cameras: a sink aside takes {shared_memory.MAX_CAMERAS}"
+                f"{len(streams)} cameras: a worker sink takes {shared_memory.MAX_CAMERAS}"
             )
         self.prepare()
         assert self._process is not None
@@ -127,7 +127,7 @@ class WorkerSink(Sink):
         """Copy one packet. SinkStoppedError: the sink accepts no more, or the worker died."""
         parts = messages.of_events(packet, self._place(packet.camera))
         if not self._put(parts):
-            self._dropped["aside_packets_dropped"] += 1
+            self._dropped["worker_packets_dropped"] += 1
             self._events_dropped += len(packet)
 
     def write_frame(self, frame: Frame) -> None:
@@ -212,8 +212,8 @@ class WorkerSink(Sink):
         if self._lossless:
             return {
                 **found,
-                "aside_waits": self._waits,
-                "aside_waited_s": round(self._waited_s, 3),
+                "worker_waits": self._waits,
+                "worker_waited_s": round(self._waited_s, 3),
             }
         # the sink's own drops are further ones
         own = found.get("events_dropped", 0)
@@ -241,7 +241,7 @@ class WorkerSink(Sink):
 
     def _put_other(self, parts: Sequence[Bytes]) -> None:
         if not self._put(parts):
-            self._dropped["aside_others_dropped"] += 1
+            self._dropped["worker_others_dropped"] += 1
 
     def _put(self, parts: Sequence[Bytes]) -> bool:
         """Copy one message into the ring; False where a live sink's is full."""

@@ -86,7 +86,7 @@ def on_full_disk(folder: Path, disk: Path, command: list[str]) -> subprocess.Com
 @pytest.mark.parametrize(
     ("compression", "rotate"),
     [
-        ("none", ["sink.0.aside=true"]),
+        ("none", ["sink.0.worker=true"]),
         pytest.param("none", [], marks=pytest.mark.slow),
         pytest.param("lz4", [], marks=pytest.mark.slow),
         pytest.param("zstd", [], marks=pytest.mark.slow),

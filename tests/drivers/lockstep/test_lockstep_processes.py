@@ -101,8 +101,8 @@ def driven(loop: Any, seconds: float) -> tuple[str, int, Observation]:
     return controller.digest.hexdigest(), controller.events, seen
 
 
-def in_process(render: evs.RenderConfig) -> evs.Loop:
-    return evs.Loop(
+def in_process(render: evs.RenderConfig) -> evs.ClosedLoop:
+    return evs.ClosedLoop(
         str(SCENE),
         cameras=CAMERAS,
         sensor=SensorConfig("davis346", width=WIDTH, height=HEIGHT),

@@ -16,7 +16,7 @@ from evs.drivers.lockstep.segments import Segments, camera_path, segment_path
 from evs.drivers.lockstep.serve import ServedRun
 from evs.drivers.run.config import PIPELINES, SinkConfig
 from evs.drivers.sink import Sink, SinkStoppedError
-from evs.emulator import Loop
+from evs.emulator import ClosedLoop
 from evs.emulator.config import ApsConfig, SensorConfig
 from evs.msgs import EventPacket, EvsError, StreamInfo
 
@@ -62,7 +62,7 @@ class Bench:
             return self.made[-1]
 
         patch.setattr(segments, "make_sink", make)
-        loop = Loop(SCENE, sensor="dvs128", threads=1)
+        loop = ClosedLoop(SCENE, sensor="dvs128", threads=1)
         watch = StopWatch()
         beside = Segments(tables, watch, self.lines.append)
         self.loop = ServedRun(loop, beside, watch, Pacer(), self.lines.append)
@@ -167,7 +167,7 @@ def test_names_of_segments() -> None:
 
 def test_each_of_two_cameras_has_files_of_its_own(tmp_path: Path) -> None:
     sensor = SensorConfig("dvs128", aps=ApsConfig(enabled=True))
-    loop = Loop(SCENE, ("watch", "onboard"), sensor=sensor, threads=1)
+    loop = ClosedLoop(SCENE, ("watch", "onboard"), sensor=sensor, threads=1)
     watch, lines = StopWatch(), list[str]()
     tables = [
         SinkConfig(type="aedat4", file=str(tmp_path / "run.aedat4")),

@@ -171,9 +171,9 @@ def test_another_machine_hears_every_topic_to_the_last_bit(
     check(far.heard(), tmp_path, encoding, reliable)
 
 
-@pytest.mark.parametrize("aside", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("worker", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_this_machine_hears_it_without_being_told_where_and_others_do_not(
-    link: Link, tmp_path: Path, aside: bool
+    link: Link, tmp_path: Path, worker: bool
 ) -> None:
     """By default on the loopback interface, which other machines do not reach.
 
@@ -181,7 +181,7 @@ def test_this_machine_hears_it_without_being_told_where_and_others_do_not(
     """
     near = Listener(link.near.run, DOMAIN, "/event_camera")
     far = Listener(link.far.run, DOMAIN, "/event_camera")
-    camera = link.near.run(emulate(tmp_path, aside=aside), stdout=-1, stderr=-1, text=True)
+    camera = link.near.run(emulate(tmp_path, worker=worker), stdout=-1, stderr=-1, text=True)
     camera.communicate(timeout=120)
     assert camera.returncode == 0
     check(near.heard(), tmp_path, "evt3", False)

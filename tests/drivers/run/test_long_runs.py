@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator import Sensor, VirtualCamera, World, _core
+from evs.emulator import EventCamera, VirtualCamera, World, _core
 from evs.emulator.config import CameraConfig, RenderConfig, SensorConfig
 from evs.msgs import EvsError
 from reference.memory import LEAST_BYTES, resident_bytes
@@ -97,7 +97,7 @@ def test_a_users_own_loop_gives_the_worlds_events(name: str, robot_files: dict[s
     camera = world.add_camera(sensor=SMALL)
     model = copy.copy(world.model)
     data = mujoco.MjData(model)
-    sensor = Sensor(model, sensor=SMALL, seed=5)
+    sensor = EventCamera(model, sensor=SMALL, seed=5)
     assert len(sensor.observe(data)) == 0
     rng, count = np.random.default_rng(0), 0
     for _ in range(60):
@@ -139,7 +139,7 @@ def test_a_bright_box_is_on_in_front_and_off_behind() -> None:
     data = mujoco.MjData(model)
     width, height, speed = 64, 48, 0.7  # px a tick; 24 px a m
     ideal = SensorConfig("ideal", width=width, height=height, sigma_thres=0.0)
-    sensor = Sensor(model, "above", sensor=ideal, render=RenderConfig(spp=4))
+    sensor = EventCamera(model, "above", sensor=ideal, render=RenderConfig(spp=4))
     middle = -12.0  # px from the picture's
     data.mocap_pos[0] = (middle / 24, 0, 0.5)
     sensor.observe(data)
@@ -172,7 +172,7 @@ def test_a_slow_pan_over_a_checker_gives_events_on_its_edges_only() -> None:
     ideal = SensorConfig("ideal", width=width, height=height, sigma_thres=0.0)
     model.vis.global_.orthographic = 1
     model.vis.global_.fovy = 2
-    sensor = Sensor(model, view, sensor=ideal, render=RenderConfig(spp=4))
+    sensor = EventCamera(model, view, sensor=ideal, render=RenderConfig(spp=4))
     sensor.observe(data)
     total = 0
     for tick in range(1, 121):

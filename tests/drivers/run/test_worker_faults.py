@@ -1,4 +1,4 @@
-"""Sinks aside in whole runs: whoever is killed, what was handed over is written; nobody stays."""
+"""Worker sinks in whole runs: whoever is killed, what was handed over is written; nobody stays."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def soon(what: Callable[[], object], seconds: float = 60.0) -> None:
         time.sleep(0.01)
 
 
-def aside_of(parent: int) -> list[int]:
+def workers_of(parent: int) -> list[int]:
     """The processes of its sinks."""
     children = Path(f"/proc/{parent}/task/{parent}/children").read_text()
     return [int(word) for word in children.split()]
@@ -115,31 +115,31 @@ def has_table(file: Path) -> bool:
 
 
 def test_the_camera_is_killed_and_the_sink_writes_all_that_it_was_given(folder: Path) -> None:
-    own, aside = folder / "own.aedat4", folder / "aside.aedat4"
+    own, worker = folder / "own.aedat4", folder / "worker.aedat4"
     words = ("sink.0.type=aedat4", f"sink.0.file={own}", "sink.1.type=aedat4")
-    words = (*words, f"sink.1.file={aside}", "sink.1.aside=true", "--pace", "realtime")
+    words = (*words, f"sink.1.file={worker}", "sink.1.worker=true", "--pace", "realtime")
     with emulating(folder, "--duration", "1.5", *words) as camera:
-        wait_for_packets(aside)
-        (process,) = aside_of(camera.pid)
+        wait_for_packets(worker)
+        (process,) = workers_of(camera.pid)
         os.kill(process, signal.SIGSTOP)
         # all ticks are made and in the ring; the camera waits for the sink to be closed
         soon(lambda: still(own))
-        written = size_of(aside)
+        written = size_of(worker)
         camera.kill()
         camera.wait(20)
         os.kill(process, signal.SIGCONT)
         soon(lambda: not is_there(process))
-    assert size_of(aside) > written
-    assert has_table(aside)
-    assert len(read(aside)) > 1000
-    assert read(aside).tobytes() == read(own).tobytes()
+    assert size_of(worker) > written
+    assert has_table(worker)
+    assert len(read(worker)) > 1000
+    assert read(worker).tobytes() == read(own).tobytes()
 
 
 def test_ctrl_c_ends_the_camera_and_the_sink_stays_until_all_is_written(folder: Path) -> None:
     file = folder / "run.aedat4"
-    with emulating(folder, *ENDLESS, "--aside", "--record", str(file)) as camera:
+    with emulating(folder, *ENDLESS, "--worker", "--record", str(file)) as camera:
         wait_for_packets(file)
-        (process,) = aside_of(camera.pid)
+        (process,) = workers_of(camera.pid)
         os.kill(process, signal.SIGSTOP)
         time.sleep(0.3)
         # to the whole group, as a terminal does; and one that somebody sends to everything
@@ -158,15 +158,15 @@ def test_ctrl_c_ends_the_camera_and_the_sink_stays_until_all_is_written(folder: 
 
 
 def test_the_sink_is_killed_and_the_camera_goes_on(folder: Path) -> None:
-    own, aside = folder / "own.npz", folder / "aside.aedat4"
+    own, worker = folder / "own.npz", folder / "worker.aedat4"
     words = ("sink.0.type=npz", f"sink.0.file={own}", "sink.1.type=aedat4")
-    words = (*words, f"sink.1.file={aside}", "sink.1.aside=true", "--pace", "realtime")
+    words = (*words, f"sink.1.file={worker}", "sink.1.worker=true", "--pace", "realtime")
     with emulating(folder, "--duration", "1.5", *words) as camera:
-        wait_for_packets(aside)
-        (process,) = aside_of(camera.pid)
+        wait_for_packets(worker)
+        (process,) = workers_of(camera.pid)
         os.kill(process, signal.SIGKILL)
         _, said = camera.communicate(timeout=60)
-    line = f"the process of the aedat4 sink '{aside}' was ended by signal 9: what it wrote until"
+    line = f"the process of the aedat4 sink '{worker}' was ended by signal 9: what it wrote until"
     assert camera.returncode == 2
     assert said.count("\n") == 1
     assert line in said
@@ -174,16 +174,16 @@ def test_the_sink_is_killed_and_the_camera_goes_on(folder: Path) -> None:
     assert (report["ended"], report["ticks"]) == ("complete", 1500)
     assert [line in one for one in report["warnings"]] == [True]
     assert line in report["sinks"][1]["error"]
-    whole, part = read(own), read(aside)
+    whole, part = read(own), read(worker)
     assert 0 < len(part) < len(whole) == report["events"]
     assert part.tobytes() == whole[: len(part)].tobytes()
 
 
 def test_the_only_sink_is_killed_and_that_ends_the_run(folder: Path) -> None:
     file = folder / "run.aedat4"
-    with emulating(folder, *ENDLESS, "--aside", "--record", str(file)) as camera:
+    with emulating(folder, *ENDLESS, "--worker", "--record", str(file)) as camera:
         wait_for_packets(file)
-        os.kill(aside_of(camera.pid)[0], signal.SIGKILL)
+        os.kill(workers_of(camera.pid)[0], signal.SIGKILL)
         _, said = camera.communicate(timeout=60)
     assert camera.returncode == 2
     assert said.count("\n") == 1
@@ -195,9 +195,9 @@ def test_the_camera_goes_while_the_sink_waits_for_subscribers(
     folder: Path, number: signal.Signals
 ) -> None:
     bus = (f"publish={free_address()}", "publish_wait_for=1", "publish_wait_s=1000")
-    with emulating(folder, "--aside", *bus) as camera:
-        soon(lambda: aside_of(camera.pid))
-        (process,) = aside_of(camera.pid)
+    with emulating(folder, "--worker", *bus) as camera:
+        soon(lambda: workers_of(camera.pid))
+        (process,) = workers_of(camera.pid)
         # it is past its imports: it has the port
         port = int(bus[0].rpartition(":")[2])
         soon(lambda: f":{port:04X} 00000000:0000 0A" in Path("/proc/net/tcp").read_text())
@@ -207,12 +207,12 @@ def test_the_camera_goes_while_the_sink_waits_for_subscribers(
     assert camera.returncode == (130 if number == signal.SIGINT else -signal.SIGKILL)
 
 
-def test_every_sink_aside_of_a_run_that_ends_by_itself(folder: Path) -> None:
+def test_every_worker_of_a_run_that_ends_by_itself(folder: Path) -> None:
     """Two recordings and a bus: the same report as without, and nobody is left."""
     words = ("--duration", "0.2", "--record", "run.aedat4", "sink.0.type=npz", "sink.0.file=a.npz")
     words = (*words, "--publish", "tcp://127.0.0.1:0", "--force")
     sinks = []
-    for more in ((), ("--aside",)):
+    for more in ((), ("--worker",)):
         with emulating(folder, *words, *more) as camera:
             said = camera.communicate(timeout=60)
         assert (camera.returncode, said) == (0, ("", ""))
@@ -220,7 +220,7 @@ def test_every_sink_aside_of_a_run_that_ends_by_itself(folder: Path) -> None:
         sinks.append(report["sinks"])
         assert report["events_dropped"] == 0
     for here, there in zip(*sinks, strict=True):
-        more = {key: there.pop(key) for key in tuple(there) if key.startswith("aside_")}
+        more = {key: there.pop(key) for key in tuple(there) if key.startswith("worker_")}
         assert len(more) == 2
         assert not any(more.values())
         there.pop("events_dropped", None)

@@ -1,4 +1,4 @@
-"""Sinks aside under pressure: a full ring, a full disk, a process that dies, a second Ctrl-C."""
+"""Worker sinks under pressure: a full ring, a full disk, a process that dies, a second Ctrl-C."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from evs.emulator.base.protocols import NoMeter
 from reference.worker_packets import (
     EVENTS,
     INFO,
-    aside,
     is_there,
     packet,
     soon,
+    worker_sink,
     write_on,
 )
 
@@ -36,7 +36,7 @@ from reference.worker_packets import (
 @pytest.fixture
 def stopped_sink(tmp_path: Path) -> Iterator[WorkerSink]:
     """A recorder whose process is held, with a ring of 100 kB."""
-    sink = aside(type="aedat4", file=str(tmp_path / "run.aedat4"), aside_mb=0.1)
+    sink = worker_sink(type="aedat4", file=str(tmp_path / "run.aedat4"), worker_mb=0.1)
     sink.open([INFO])
     os.kill(sink.process, signal.SIGSTOP)
     yield sink
@@ -61,8 +61,8 @@ def test_a_recorder_is_waited_for_and_loses_nothing(
     freeing.join()
     said = stopped_sink.close()
     assert said["events"] == 30_000
-    assert said["aside_waits"] >= 1
-    assert said["aside_waited_s"] > 0.1
+    assert said["worker_waits"] >= 1
+    assert said["worker_waited_s"] > 0.1
     assert not said["error"]
     found = read(tmp_path / "run.aedat4")
     assert found["t"].tolist() == np.concatenate([one.events["t"] for one in sent]).tolist()
@@ -73,7 +73,7 @@ def test_a_recorder_is_waited_for_and_loses_nothing(
 
 def test_a_packet_larger_than_the_ring_is_recorded_all_the_same(tmp_path: Path) -> None:
     file = tmp_path / "run.aedat4"
-    sink = aside(type="aedat4", file=str(file), aside_mb=0.01)
+    sink = worker_sink(type="aedat4", file=str(file), worker_mb=0.01)
     sink.open([INFO])
     sent = [packet(seq, 20_000 * (seq % 2)) for seq in range(6)]
     for one in sent:
@@ -85,7 +85,7 @@ def test_a_packet_larger_than_the_ring_is_recorded_all_the_same(tmp_path: Path) 
 def test_a_live_sink_never_slows_the_camera_and_its_losses_are_counted() -> None:
     address = free_address()
     with subscribe(address, "eye", timeout_s=20) as stream:
-        sink = aside(type="zmq", address=address, wait_for=1, aside_mb=0.1)
+        sink = worker_sink(type="zmq", address=address, wait_for=1, worker_mb=0.1)
         sink.open([INFO])
         os.kill(sink.process, signal.SIGSTOP)
         begin_s = time.monotonic()
@@ -101,7 +101,7 @@ def test_a_live_sink_never_slows_the_camera_and_its_losses_are_counted() -> None
         closing.start()
         got = sum(len(one) for one in stream)
         closing.join(20)
-    dropped = said["aside_packets_dropped"]
+    dropped = said["worker_packets_dropped"]
     assert 150 < dropped < 200
     assert said["events_dropped"] == 1000 * dropped
     assert stream.lost == dropped
@@ -110,17 +110,17 @@ def test_a_live_sink_never_slows_the_camera_and_its_losses_are_counted() -> None
 
 
 def test_a_packet_that_a_live_ring_never_holds_is_dropped() -> None:
-    sink = aside(type="zmq", address="tcp://127.0.0.1:0", aside_mb=0.01)
+    sink = worker_sink(type="zmq", address="tcp://127.0.0.1:0", worker_mb=0.01)
     sink.open([INFO])
     sink.write(packet(0, 1000))
     sink.write(packet(1, 100))
     said = sink.close()
-    assert (said["aside_packets_dropped"], said["events_dropped"]) == (1, 1000)
+    assert (said["worker_packets_dropped"], said["events_dropped"]) == (1, 1000)
 
 
 def test_a_process_that_dies_is_a_sink_that_stopped_and_the_others_go_on(tmp_path: Path) -> None:
     file, other = tmp_path / "run.aedat4", tmp_path / "other.npz"
-    dies = aside(type="aedat4", file=str(file))
+    dies = worker_sink(type="aedat4", file=str(file))
     warnings: list[str] = []
     sinks = SinkSet(
         [dies, make_sink(SinkConfig(type="npz", file=str(other)))], NoMeter(), warnings.append
@@ -152,7 +152,7 @@ def test_a_process_that_dies_is_a_sink_that_stopped_and_the_others_go_on(tmp_pat
 
 
 def test_a_process_that_dies_at_the_end_is_told_too(tmp_path: Path) -> None:
-    sink = aside(type="aedat4", file=str(tmp_path / "run.aedat4"))
+    sink = worker_sink(type="aedat4", file=str(tmp_path / "run.aedat4"))
     warnings: list[str] = []
     sinks = SinkSet([sink], NoMeter(), warnings.append)
     sinks.open([INFO])
@@ -165,7 +165,7 @@ def test_a_process_that_dies_at_the_end_is_told_too(tmp_path: Path) -> None:
 
 def test_a_full_disk_stops_it_as_it_stops_one_that_is_not_aside(tmp_path: Path) -> None:
     file = tmp_path / "run.aedat4"
-    sink = aside(type="aedat4", file=str(file))
+    sink = worker_sink(type="aedat4", file=str(file))
     sink.prepare()
     # a limit on a file's size is the same to a process: a short write, then an error
     resource.prlimit(sink.process, resource.RLIMIT_FSIZE, (50_000, 50_000))

@@ -1,4 +1,4 @@
-"""The ring of a sink aside: whatever goes in comes out, whole and in order, at every wrap."""
+"""The ring of a worker sink: whatever goes in comes out, whole and in order, at every wrap."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_two_threads_share_one_without_a_lock() -> None:
 
 def test_more_memory_than_there_is_is_an_error_of_one_line() -> None:
     with pytest.raises(
-        EvsError, match=r"over a quarter of this machine's; give \d+ or less as its aside_mb"
+        EvsError, match=r"over a quarter of this machine's; give \d+ or less as its worker_mb"
     ):
         SharedMemory.make(1 << 50)
 

@@ -1,4 +1,4 @@
-"""Sinks aside: the same files, the same errors, the same report, from a process of their own."""
+"""Worker sinks: the same files, the same errors, the same report, from a process of their own."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from reference.worker_packets import (
     HEIGHT,
     INFO,
     WIDTH,
-    aside,
     feed,
     is_there,
     packet,
     soon,
+    worker_sink,
     write_on,
 )
 
@@ -43,14 +43,14 @@ def test_files_have_the_same_bytes(tmp_path: Path, kind: str) -> None:
     holds, suffix = KINDS[kind].capabilities, KINDS[kind].suffixes[0]
     info = replace(INFO, frames=holds.frames, imu=holds.imu, triggers=holds.triggers)
     # a bag holds its own name
-    files = [tmp_path / folder / f"run{suffix}" for folder in ("here", "aside")]
+    files = [tmp_path / folder / f"run{suffix}" for folder in ("here", "worker")]
     for file in files:
         file.parent.mkdir()
     tables = [SinkConfig(type=kind, file=str(file)) for file in files]
-    sinks = [make_sink(tables[0]), make_sink(replace(tables[1], aside=True))]
+    sinks = [make_sink(tables[0]), make_sink(replace(tables[1], worker=True))]
     fed = feed(sinks, info, 40, labels=holds.labels)
     here, there = fed.reports
-    assert there == {**here, "path": str(files[1]), "aside_waits": 0, "aside_waited_s": 0.0}
+    assert there == {**here, "path": str(files[1]), "worker_waits": 0, "worker_waited_s": 0.0}
     assert files[0].read_bytes() == files[1].read_bytes()
     assert len(read(files[1])) == 40 // 4 * EVENTS * 6
 
@@ -70,7 +70,7 @@ def test_a_port_in_use_and_a_folder_that_is_not_there_are_the_same_one_line(
     ):
         lines = []
         for way in (False, True):
-            sink = make_sink(replace(table, aside=way))
+            sink = make_sink(replace(table, worker=way))
             with pytest.raises(EvsError) as error:
                 sink.open(streams)
             lines.append(str(error.value))
@@ -85,25 +85,25 @@ def test_a_port_in_use_and_a_folder_that_is_not_there_are_the_same_one_line(
     [
         ({"type": "aedat4", "file": "a.aedat4", "compression": "lzma"}, "lzma"),
         ({"type": "zmq", "address": "tcp://127.0.0.1:1", "queue": 0}, "queue is 0"),
-        ({"type": "npz", "file": "a.npz", "aside_mb": 0.0}, "aside_mb is 0: give the MB"),
-        ({"type": "npz", "file": "a.npz", "aside_mb": 1e9}, "aside_mb is 1e\\+09: give the MB"),
+        ({"type": "npz", "file": "a.npz", "worker_mb": 0.0}, "worker_mb is 0: give the MB"),
+        ({"type": "npz", "file": "a.npz", "worker_mb": 1e9}, "worker_mb is 1e\\+09: give the MB"),
     ],
 )
 def test_a_bad_value_is_told_before_any_process_starts(given: dict[str, Any], says: str) -> None:
     with pytest.raises(EvsError, match=says):
-        aside(**given)
+        worker_sink(**given)
 
 
 def test_cores_that_are_not_there_are_refused(tmp_path: Path) -> None:
-    sink = aside(type="npz", file=str(tmp_path / "a.npz"), aside_cores=(4000,))
-    with pytest.raises(EvsError, match=r"aside_cores is \[4000\]: choose of "):
+    sink = worker_sink(type="npz", file=str(tmp_path / "a.npz"), worker_cores=(4000,))
+    with pytest.raises(EvsError, match=r"worker_cores is \[4000\]: choose of "):
         sink.open([INFO])
     assert sink.close()["type"] == "npz"
 
 
 def test_its_process_runs_on_the_cores_that_it_may_use(tmp_path: Path) -> None:
     core = max(os.sched_getaffinity(0))
-    sink = aside(type="npz", file=str(tmp_path / "a.npz"), aside_cores=(core,))
+    sink = worker_sink(type="npz", file=str(tmp_path / "a.npz"), worker_cores=(core,))
     sink.open([INFO])
     assert os.sched_getaffinity(sink.process) == {core}
     sink.close()
@@ -112,7 +112,7 @@ def test_its_process_runs_on_the_cores_that_it_may_use(tmp_path: Path) -> None:
 def test_a_packet_that_breaks_its_promises_is_told_as_an_error() -> None:
     address = free_address()
     with subscribe(address, "eye"):
-        sink = aside(type="zmq", address=address, wait_for=1)
+        sink = worker_sink(type="zmq", address=address, wait_for=1)
         sink.open([INFO])
         bad = packet(0)
         bad.events["x"] = WIDTH
@@ -123,7 +123,7 @@ def test_a_packet_that_breaks_its_promises_is_told_as_an_error() -> None:
 
 
 def test_an_unknown_camera_is_refused_here(tmp_path: Path) -> None:
-    sink = aside(type="npz", file=str(tmp_path / "a.npz"))
+    sink = worker_sink(type="npz", file=str(tmp_path / "a.npz"))
     with pytest.raises(EvsError, match="not open"):
         sink.write(packet(0))
     sink.open([INFO])
@@ -137,7 +137,7 @@ def test_what_a_sink_wants_comes_back() -> None:
     address = free_address()
     options = {"poses": True, "truths": True}
     with subscribe(address, "eye", timeout_s=20, **options) as stream:
-        sink = aside(
+        sink = worker_sink(
             type="zmq", address=address, wait_for=1, control=free_address(), truth_hz=100.0
         )
         sink.open([INFO])
@@ -186,7 +186,7 @@ def test_what_a_sink_wants_comes_back() -> None:
 
 def test_a_client_of_the_control_port_may_end_the_run() -> None:
     address = free_address()
-    sink = aside(type="zmq", address="tcp://127.0.0.1:0", control=address)
+    sink = worker_sink(type="zmq", address="tcp://127.0.0.1:0", control=address)
     sink.open([INFO])
     assert not sink.stop_wanted
     asked = threading.Thread(target=lambda: request(address, "stop"))
@@ -203,7 +203,7 @@ def test_a_client_of_the_control_port_may_end_the_run() -> None:
 
 
 def test_one_that_is_never_opened_leaves_no_process(tmp_path: Path) -> None:
-    sink = aside(type="aedat4", file=str(tmp_path / "run.aedat4"))
+    sink = worker_sink(type="aedat4", file=str(tmp_path / "run.aedat4"))
     assert sink.process == 0
     assert sink.close() == {"type": "aedat4"}
     sink.prepare()
@@ -215,7 +215,7 @@ def test_one_that_is_never_opened_leaves_no_process(tmp_path: Path) -> None:
 
 
 def test_one_that_is_closed_says_so() -> None:
-    sink = aside(type="zmq", address="tcp://127.0.0.1:0")
+    sink = worker_sink(type="zmq", address="tcp://127.0.0.1:0")
     pace = Pace(1.0, 0, 0, 0, 0)
     with pytest.raises(EvsError, match="not open"):
         sink.write_pace(pace)
@@ -236,7 +236,7 @@ def test_no_process_to_be_had_leaves_nothing_open(
 
     monkeypatch.setattr("evs.drivers.run.worker.process.subprocess.Popen", refuse)
     before = sorted(Path("/proc/self/fd").iterdir())
-    sink = aside(type="npz", file=str(tmp_path / "a.npz"))
+    sink = worker_sink(type="npz", file=str(tmp_path / "a.npz"))
     with pytest.raises(EvsError, match=r"cannot start a process .*: Resource temporarily"):
         sink.open([INFO])
     assert sink.close() == {"type": "npz"}
@@ -249,14 +249,14 @@ def test_the_run_wide_word_is_every_sink_that_says_nothing_else() -> None:
 
     tables = (
         SinkConfig(type="npz", file="a.npz"),
-        SinkConfig(type="csv", file="a.csv", aside=False),
+        SinkConfig(type="csv", file="a.csv", worker=False),
     )
     config = PipelineConfig(
-        sink=tables, record="b.npz", aside=True, scene=SceneConfig(file="a.xml")
+        sink=tables, record="b.npz", worker=True, scene=SceneConfig(file="a.xml")
     )
-    assert [sink.aside for sink in config.sinks()] == [True, False, True]
-    assert [sink.aside for sink in replace(config, aside=False).sinks()] == [None, False, None]
+    assert [sink.worker for sink in config.sinks()] == [True, False, True]
+    assert [sink.worker for sink in replace(config, worker=False).sinks()] == [None, False, None]
     check(config)
-    lonely = replace(config, aside=False, sink=(replace(tables[0], aside_mb=3.0),))
-    with pytest.raises(EvsError, match=r"at sink.0.aside_mb: needs aside = true"):
+    lonely = replace(config, worker=False, sink=(replace(tables[0], worker_mb=3.0),))
+    with pytest.raises(EvsError, match=r"at sink.0.worker_mb: needs worker = true"):
         check(lonely)

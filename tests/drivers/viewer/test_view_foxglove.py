@@ -28,7 +28,7 @@ from evs.launch import main as program
 from evs.msgs import EventPacket, Events, EvsError, Frame, Pose, StreamInfo, make_events
 from evs.msgs.codecs import PayloadReader
 from evs.msgs.pictures import OFF_RGB, ON_RGB, PAPER
-from reference.worker_packets import INFO, aside
+from reference.worker_packets import INFO, worker_sink
 from tests.support.full_disk import fill
 
 pytest.importorskip("foxglove", reason="the extra `foxglove` is not installed")
@@ -241,14 +241,14 @@ BALL = """
 """
 
 
-@pytest.mark.parametrize("aside", ["false", "true"])
-def test_a_run_records_for_foxglove(aside: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("worker", ["false", "true"])
+def test_a_run_records_for_foxglove(worker: str, tmp_path: Path) -> None:
     (tmp_path / "ball.xml").write_text(BALL)
     (tmp_path / "p.toml").write_text(
         "duration_s = 0.1\n[scene]\nfile = 'ball.xml'\nkeyframe = 'fast'\n"
         "[sensor]\nwidth = 48\nheight = 36\n[sensor.aps]\nenabled = true\n"
         "[[sink]]\ntype = 'foxglove'\nmcap = 'run.mcap'\nperiod_us = 10000\n"
-        f"aside = {aside}\n[[sink]]\ntype = 'npz'\nfile = 'run.npz'\n"
+        f"worker = {worker}\n[[sink]]\ntype = 'npz'\nfile = 'run.npz'\n"
     )
     words = ["emulate", str(tmp_path / "p.toml"), "--quiet"]
     assert program.main(words) == 0
@@ -258,7 +258,7 @@ def test_a_run_records_for_foxglove(aside: str, tmp_path: Path) -> None:
             found[channel.topic.removeprefix("/camera/")] += 1
     assert found["event_image"] == found["event_rate"] == found["camera_info"] == 10
     # the first tick's, and then one in each picture's time; a worker asks for these in its time
-    least = 1 if aside == "true" else 11
+    least = 1 if worker == "true" else 11
     assert least <= found["luminance"] <= 11
     assert least <= found["/tf"] <= 11
     assert found["image_raw"] in (1, 2, 3)
@@ -270,7 +270,7 @@ def test_a_run_records_for_foxglove(aside: str, tmp_path: Path) -> None:
 def test_a_worker_wants_the_first_light_before_any_packet(
     tmp_path: Path,
 ) -> None:
-    sink = aside(type="foxglove", mcap=str(tmp_path / "run.mcap"))
+    sink = worker_sink(type="foxglove", mcap=str(tmp_path / "run.mcap"))
     sink.open([INFO])
     assert sink.wants_light("eye", INFO.tick_us)
     sink.close()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from evs.drivers import files
-from evs.emulator import Sensor, VirtualCamera, World
+from evs.emulator import EventCamera, VirtualCamera, World
 from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.world import load_model
 from evs.launch.main import main
@@ -105,7 +105,7 @@ def test_who_gives_events_at_once_takes_no_chunks(folder: Path) -> None:
         camera.step()
     assert len(list(camera.run(0.01))) == 10
     with pytest.raises(EvsError, match="leave it 1"):
-        Sensor(load_model(folder / "swing.xml"), sensor=SMALL, model_config=model)
+        EventCamera(load_model(folder / "swing.xml"), sensor=SMALL, model_config=model)
 
 
 @pytest.mark.parametrize(

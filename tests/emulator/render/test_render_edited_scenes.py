@@ -40,7 +40,7 @@ def test_the_incremental_trace_is_the_full_one_under_a_hundred_edits(way: str, s
     model, data = stage()
     isa = _core.isa_available()[seed % len(_core.isa_available())]
     full, kept = (
-        evs.Sensor(
+        evs.EventCamera(
             model,
             "eye",
             sensor=SIZE,
@@ -74,7 +74,7 @@ def test_the_incremental_trace_is_the_full_one_under_a_hundred_edits(way: str, s
         shares.append(kept._camera.traced_fraction)
         if edited % 20 == 0:
             # nothing of what was before is left in it either
-            anew = evs.Sensor(model, "eye", sensor=SIZE, render=WAYS[way], threads=1)
+            anew = evs.EventCamera(model, "eye", sensor=SIZE, render=WAYS[way], threads=1)
             anew.observe(data)
             assert anew.luminance.tobytes() == kept.luminance.tobytes(), (seed, edited)
     # some ticks were whole, others were not

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator import Sensor
+from evs.emulator import EventCamera
 from evs.emulator.config import FlickerConfig, RenderConfig, SensorConfig
 from reference.memory import LEAST_BYTES, resident_bytes
 
@@ -57,7 +57,7 @@ class Life:
         self.model = mujoco.MjModel.from_xml_string(STAGE.format(more=more))
         self.data = mujoco.MjData(self.model)
         pixels = SensorConfig("ideal", width=24, height=16)
-        self.sensor = Sensor(self.model, "tilted", sensor=pixels, render=render, threads=2)
+        self.sensor = EventCamera(self.model, "tilted", sensor=pixels, render=render, threads=2)
         self.tick, self.events = 0, 0
 
     def go_on(self, ticks: int) -> None:

@@ -450,10 +450,10 @@ class Watched:
         self.data.qvel[:] = 0
         self.kept, self.full = self.camera(), self.camera(incremental=False)
 
-    def camera(self, **render: object) -> evs.Sensor:
+    def camera(self, **render: object) -> evs.EventCamera:
         config = replace(HYBRID, **render)  # type: ignore[arg-type]
         sensor = SensorConfig("ideal", width=48, height=36)
-        return evs.Sensor(self.model, "eye", sensor=sensor, render=config, threads=1)
+        return evs.EventCamera(self.model, "eye", sensor=sensor, render=config, threads=1)
 
     def watch(self, ticks: int = 1) -> F32:
         """The light of the last tick."""

@@ -410,11 +410,11 @@ def test_tendons_ropes_and_sites_are_those_of_the_tracer() -> None:
 def test_a_forked_process_is_told_so() -> None:
     program = (
         "import os, signal, mujoco\n"
-        "from evs import EvsError, RenderConfig, Sensor, SensorConfig\n"
+        "from evs import EvsError, RenderConfig, EventCamera, SensorConfig\n"
         "model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom size=\".1\"/>'\n"
         "    '<camera pos=\"0 0 1\"/></worldbody></mujoco>')\n"
         "data = mujoco.MjData(model)\n"
-        "camera = Sensor(model, '', sensor=SensorConfig('ideal', width=16, height=12),\n"
+        "camera = EventCamera(model, '', sensor=SensorConfig('ideal', width=16, height=12),\n"
         "                render=RenderConfig('raster'))\n"
         "camera.observe(data)\n"
         "data.time += 1e-3\n"

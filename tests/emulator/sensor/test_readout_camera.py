@@ -9,7 +9,7 @@ import mujoco
 import pytest
 
 import evs
-from evs.emulator import Sensor, VirtualCamera, World
+from evs.emulator import EventCamera, VirtualCamera, World
 from evs.emulator.config import ModelConfig, ReadoutConfig, SensorConfig
 from evs.emulator.sensor import Readout, resolve_sensor
 from evs.launch import main
@@ -83,7 +83,7 @@ def test_the_python_face_has_its_configuration() -> None:
 
 def test_a_reset_camera_begins_anew() -> None:
     model = mujoco.MjModel.from_xml_string(SCENE)
-    sensor = Sensor(model, sensor=PIXEL, seed=1)
+    sensor = EventCamera(model, sensor=PIXEL, seed=1)
     runs = []
     for _ in range(2):
         data = mujoco.MjData(model)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from evs.emulator.config import SensorConfig
-from evs.emulator.sensor import PlainModel, SensorParameters, resolve_sensor
+from evs.emulator.sensor import PlainModel, SensorParameters
 from evs.emulator.sensor.fixed_pattern import draw_pattern
 from evs.emulator.sensor.parameters import HOT_LEAK_HZ, MOST_HOT_LEAK_HZ
-from evs.msgs import EvsError
 
 IEBCS = SensorParameters("tail", 640, 480, 0.2, 0.2, hot_leak_median_hz=0.0045)
 """with the default spread"""
@@ -73,12 +70,3 @@ def test_hot_events_come_at_the_rates_that_were_drawn() -> None:
     is_hot = model.pattern(1).hot
     assert is_hot is not None
     assert hot == counts[is_hot.reshape(-1) == 1].sum() > 1000
-
-
-def test_keys_that_are_no_more_name_what_replaces_them(tmp_path: Path) -> None:
-    path = tmp_path / "own.toml"
-    path.write_text(
-        "width = 20\nheight = 10\npos_thres = 0.3\nneg_thres = 0.4\nhot_pixel_fraction = 0.1\n"
-    )
-    with pytest.raises(EvsError, match=r"hot_pixel_fraction is no more; .*hot_leak_median_hz"):
-        resolve_sensor(SensorConfig(str(path)))

@@ -12,7 +12,7 @@ import pytest
 from evs.drivers.files import read
 from evs.drivers.files.npz import NpzRecorder
 from evs.drivers.run.config import load
-from evs.emulator import Pixels, Sensor, World
+from evs.emulator import EventCamera, Pixels, World
 from evs.emulator.base.scene import F32
 from evs.emulator.config import ModelConfig, SensorConfig
 from evs.emulator.sensor import PlainModel, SensorParameters
@@ -113,7 +113,7 @@ def test_in_a_loop_of_the_users_own() -> None:
     model = mujoco.MjModel.from_xml_string(SCENE)
     data = mujoco.MjData(model)
     data.qvel[:] = 3.0
-    eye = Sensor(model, "eye", sensor="ideal", model_config=ModelConfig(labels=True))
+    eye = EventCamera(model, "eye", sensor="ideal", model_config=ModelConfig(labels=True))
     assert eye.labels is None
     for _ in range(5):
         mujoco.mj_step(model, data)

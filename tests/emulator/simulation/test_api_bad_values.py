@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator import Sensor, World
+from evs.emulator import EventCamera, World
 from evs.emulator.config import (
     CameraConfig,
     ModelConfig,
@@ -62,7 +62,7 @@ def model():
 )
 def test_a_wrong_value_is_one_line_with_its_key(model, options, message):
     with pytest.raises(EvsError) as caught:
-        Sensor(model, **{"sensor": SMALL, **options})
+        EventCamera(model, **{"sensor": SMALL, **options})
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -89,7 +89,7 @@ def test_numpys_numbers_are_plain_in_the_header(model):
     camera = CameraConfig(lookat=np.array([0, 0, 1], np.float32), distance=np.float32(3))
     sensor = SensorConfig(width=np.int64(8), height=np.int32(6))
     render = RenderConfig(spp=np.int8(1), shadows=np.bool_(False))
-    info = Sensor(model, camera, sensor=sensor, render=render, seed=np.int64(5)).info
+    info = EventCamera(model, camera, sensor=sensor, render=render, seed=np.int64(5)).info
     told = json.loads(json.dumps(info.config))
     assert told["camera"]["lookat"] == [0.0, 0.0, 1.0]
     assert told["camera"]["distance"] == 3.0
@@ -100,5 +100,5 @@ def test_numpys_numbers_are_plain_in_the_header(model):
 
 
 def test_a_camera_may_stand_still_on_the_world_body(model):
-    sensor = Sensor(model, CameraConfig(body="world", pos=(0, 0, 3)), sensor=SMALL)
+    sensor = EventCamera(model, CameraConfig(body="world", pos=(0, 0, 3)), sensor=SMALL)
     assert sensor.info.camera == "world_camera"

@@ -35,7 +35,7 @@ SIZE = SensorConfig("davis346", width=24, height=16)
 
 def sensor(**more: object) -> None:
     data = mujoco.MjData(MODEL)
-    one = evs.Sensor(MODEL, sensor=SIZE, threads=2, **more)  # type: ignore[arg-type]
+    one = evs.EventCamera(MODEL, sensor=SIZE, threads=2, **more)  # type: ignore[arg-type]
     for _ in range(2):
         one.observe(data)
         mujoco.mj_step(MODEL, data)
@@ -63,7 +63,7 @@ def world_saved() -> None:
 
 
 def loop() -> None:
-    one = evs.Loop(MODEL, sensor=SIZE, limits={}, threads=2)
+    one = evs.ClosedLoop(MODEL, sensor=SIZE, limits={}, threads=2)
     one.reset()
     one.step([0.0])
 

@@ -19,7 +19,7 @@ RENDER = RenderConfig(spp=1, fog=True, haze=True)
 
 
 def eye(model, camera="eye", **more):
-    return evs.Sensor(model, camera, sensor=SIZE, render=RENDER, threads=1, **more)
+    return evs.EventCamera(model, camera, sensor=SIZE, render=RENDER, threads=1, **more)
 
 
 def seen_anew(model, data, camera="eye"):
@@ -268,7 +268,7 @@ def test_cloth_is_not_built_again_with_what_changed_beside_it(renderer):
     model = mujoco.MjModel.from_xml_string(STAGE.replace("</worldbody>", CLOTH))
     data = mujoco.MjData(model)
     render = RenderConfig(renderer=renderer, spp=1)
-    sensor = evs.Sensor(model, "eye", sensor=SIZE, render=render, threads=1)
+    sensor = evs.EventCamera(model, "eye", sensor=SIZE, render=render, threads=1)
     sensor.observe(data)
     assert model.nflex == 1
     for step in range(6):
@@ -277,7 +277,7 @@ def test_cloth_is_not_built_again_with_what_changed_beside_it(renderer):
         data.qvel[:] = np.sin(np.arange(model.nv) + step)
         mujoco.mj_step(model, data)
         sensor.observe(data)
-        anew = evs.Sensor(model, "eye", sensor=SIZE, render=render, threads=1)
+        anew = evs.EventCamera(model, "eye", sensor=SIZE, render=render, threads=1)
         anew.observe(data)
         assert sensor.luminance.tobytes() == anew.luminance.tobytes(), step
         # what is kept incrementally, too

@@ -1,4 +1,4 @@
-"""Frames and IMU through World and Sensor: a model's own sensors, sync with events, who pays."""
+"""Frames and IMU through World and EventCamera: a model's own sensors, sync with events, cost."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator import Camera, Sensor, World
+from evs.emulator import Camera, EventCamera, World
 from evs.emulator.config import ApsConfig, CameraConfig, ImuConfig, SensorConfig
 from evs.msgs import EvsError, Frame, ImuSamples, empty_imu
 
@@ -134,7 +134,7 @@ def test_a_camera_that_a_mocap_body_carries_feels_its_way() -> None:
       <geom type="plane" size="9 9 .1"/><body name="hand" mocap="true" pos="0 0 1"><geom size=".1"/>
       <camera name="eye" xyaxes="1 0 0 0 0 1"/></body></worldbody></mujoco>"""
     model = model_of(xml)
-    data, sensor = mujoco.MjData(model), Sensor(model, "eye", sensor=replace(SMALL, imu=IMU))
+    data, sensor = mujoco.MjData(model), EventCamera(model, "eye", sensor=replace(SMALL, imu=IMU))
     found = []
     for tick in range(200):
         data.mocap_pos[0] = 0.1 * np.sin(20e-3 * tick), 0.0, 1.0
@@ -158,7 +158,7 @@ def test_inside_the_users_loop_the_data_is_not_touched_and_the_same_comes_out() 
     model = model_of(ARM, integrator="Euler")
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = (0.8, 0.4), (-1.0, 6.0)
-    sensor = Sensor(model, "eye", sensor=both, name="eye")
+    sensor = EventCamera(model, "eye", sensor=both, name="eye")
     untouched = mujoco.MjData(model)
     mujoco.mj_copyData(untouched, model, data)
     frames, samples, events = [], [], b""

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator import Sensor, World
+from evs.emulator import EventCamera, World
 from evs.emulator.config import CameraConfig, SensorConfig
 from evs.emulator.world import load_model
 from evs.msgs import EVENT_DTYPE, EvsError
@@ -28,7 +28,7 @@ def test_a_users_loop_gives_the_events_of_our_world(robot_files):
     model = mujoco.MjModel.from_xml_path(str(path))
     model.opt.timestep = 0.001
     data = mujoco.MjData(model)
-    sensor = Sensor(model, "track", sensor=SMALL, seed=11, threads=1)
+    sensor = EventCamera(model, "track", sensor=SMALL, seed=11, threads=1)
     assert len(sensor.observe(data)) == 0
     mine = []
     for tick in range(40):
@@ -75,7 +75,7 @@ def test_neither_model_nor_data_is_touched(humanoid):
     for _ in range(5):
         mujoco.mj_step(humanoid, data)
     before, model_before = everything(data), image(humanoid)
-    sensor = Sensor(humanoid, sensor=SMALL)
+    sensor = EventCamera(humanoid, sensor=SMALL)
     sensor.observe(data)
     assert everything(data) == before
     assert image(humanoid) == model_before
@@ -88,7 +88,7 @@ def test_neither_model_nor_data_is_touched(humanoid):
 
 def test_any_step_length_will_do(humanoid):
     data = mujoco.MjData(humanoid)
-    sensor = Sensor(humanoid, sensor=SMALL)
+    sensor = EventCamera(humanoid, sensor=SMALL)
     sensor.observe(data)
     assert sensor.packet is None
     bases = []
@@ -103,7 +103,7 @@ def test_any_step_length_will_do(humanoid):
 
 def test_time_that_stands_or_goes_back_asks_for_a_reset(humanoid):
     data = mujoco.MjData(humanoid)
-    sensor = Sensor(humanoid, sensor=SMALL)
+    sensor = EventCamera(humanoid, sensor=SMALL)
     mujoco.mj_step(humanoid, data)
     sensor.observe(data)
     with pytest.raises(EvsError, match=r"time went from 3000 us to 3000 us.*reset\(\)"):
@@ -116,7 +116,7 @@ def test_time_that_stands_or_goes_back_asks_for_a_reset(humanoid):
 
 
 def test_a_reset_sensor_is_as_new(humanoid):
-    sensor = Sensor(humanoid, sensor=SMALL, seed=1)
+    sensor = EventCamera(humanoid, sensor=SMALL, seed=1)
 
     def episode():
         data = mujoco.MjData(humanoid)
@@ -139,7 +139,7 @@ def test_a_reset_sensor_is_as_new(humanoid):
 def test_an_edited_model_is_seen_as_any_other_change_of_light(humanoid):
     humanoid.opt.gravity[:] = 0
     data = mujoco.MjData(humanoid)
-    sensor = Sensor(humanoid, "track", sensor=SMALL)
+    sensor = EventCamera(humanoid, "track", sensor=SMALL)
     sensor.observe(data)
     mujoco.mj_step(humanoid, data)
     calm = len(sensor.observe(data))
@@ -157,7 +157,7 @@ def test_an_edited_model_is_seen_as_any_other_change_of_light(humanoid):
 
 def test_cameras_by_description_and_what_is_known_of_the_stream(humanoid):
     config = CameraConfig(body="torso", pos=(-3, 0, 0), xyaxes=(0, -1, 0, 0, 0, 1), fovy=60)
-    sensor = Sensor(humanoid, config, sensor=SMALL, name="eye")
+    sensor = EventCamera(humanoid, config, sensor=SMALL, name="eye")
     data = mujoco.MjData(humanoid)
     sensor.observe(data)
     assert sensor.luminance.any()
@@ -168,10 +168,13 @@ def test_cameras_by_description_and_what_is_known_of_the_stream(humanoid):
 @pytest.mark.parametrize(
     ("act", "says"),
     [
-        (lambda m: Sensor("humanoid.xml"), "takes a mujoco.MjModel, not str; gymnasium: env."),
-        (lambda m: Sensor(m, "trakc"), "no camera 'trakc'; there is: track"),
-        (lambda m: Sensor(m, sensor="davis"), "no sensor"),
-        (lambda m: Sensor(m, sensor=SMALL).observe(None), "takes a mujoco.MjData, not NoneType"),
+        (lambda m: EventCamera("humanoid.xml"), "takes a mujoco.MjModel, not str; gymnasium: env."),
+        (lambda m: EventCamera(m, "trakc"), "no camera 'trakc'; there is: track"),
+        (lambda m: EventCamera(m, sensor="davis"), "no sensor"),
+        (
+            lambda m: EventCamera(m, sensor=SMALL).observe(None),
+            "takes a mujoco.MjData, not NoneType",
+        ),
     ],
 )
 def test_bad_input_is_one_clear_line(humanoid, act, says):
@@ -182,7 +185,7 @@ def test_bad_input_is_one_clear_line(humanoid, act, says):
 
 
 def test_data_of_another_model_or_of_no_time(humanoid, robot_files):
-    sensor = Sensor(humanoid, sensor=SMALL)
+    sensor = EventCamera(humanoid, sensor=SMALL)
     other = mujoco.MjData(load_model(robot_files["gymnasium/ant"]))
     with pytest.raises(EvsError, match="the data belongs to another model"):
         sensor.observe(other)

@@ -53,7 +53,7 @@ def test_a_camera_of_a_world_tells_the_truth_of_each_tick(model: mujoco.MjModel)
 def test_a_sensor_in_ones_own_loop_does_too(model: mujoco.MjModel) -> None:
     data = mujoco.MjData(model)
     data.qvel[0] = 2.0
-    sensor = evs.Sensor(model, "above", sensor=SIZE)
+    sensor = evs.EventCamera(model, "above", sensor=SIZE)
     sensor.observe(data)
     assert np.isnan(sensor.ground_truth().flow).all()
     for _ in range(5):

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.emulator import Loop
+from evs.emulator import ClosedLoop
 from evs.emulator.config import (
     ApsConfig,
     ImuConfig,
@@ -46,11 +46,11 @@ def make():
         aps=ApsConfig(enabled=True, rate_hz=150.0, exposure_us=4000), imu=ImuConfig(enabled=True),
         readout=ReadoutConfig(order="arbiter", column_ns=5000),
     )  # fmt: skip
-    loop = Loop(model, "left", sensor=sensor, render=RenderConfig(spp=1), threads=1,
+    loop = ClosedLoop(model, "left", sensor=sensor, render=RenderConfig(spp=1), threads=1,
                 delays=DelayConfig(2500, 500.0, 0.1, 1500, 300.0))  # fmt: skip
     loop.world.add_camera("right", sensor=sensor, render=RenderConfig(spp=1),
                           model=ModelConfig(name="evsnet"))  # fmt: skip
-    return Loop.around(loop.world, delays=DelayConfig(2500, 500.0, 0.1, 1500, 300.0))
+    return ClosedLoop.around(loop.world, delays=DelayConfig(2500, 500.0, 0.1, 1500, 300.0))
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import evs
-from evs.emulator import Loop
+from evs.emulator import ClosedLoop
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.schema import DelayConfig, LimitConfig, LoopConfig
 from evs.emulator.simulation.channels import Link
@@ -55,7 +55,7 @@ def first_seen_us(loop, tick, ticks=1, most=60):
 @pytest.mark.parametrize("latency_us", [0.0, 300.0, 1000.0, 2200.0])
 def test_a_flash_is_first_seen_at_the_declared_latency(slider, latency_us, transport_us):
     pixel = SensorConfig(preset="ideal", width=8, height=8, latency_us=latency_us)
-    loop = Loop(slider, sensor=pixel, delays=DelayConfig(transport_us=transport_us))
+    loop = ClosedLoop(slider, sensor=pixel, delays=DelayConfig(transport_us=transport_us))
     decision_us, stamp_us = first_seen_us(loop, tick=5)
     # the light changes during tick 5, (4000, 5000] us: the first crossing is in it
     assert 4000 + latency_us < stamp_us <= 5000 + latency_us
@@ -65,7 +65,7 @@ def test_a_flash_is_first_seen_at_the_declared_latency(slider, latency_us, trans
 
 
 def test_decisions_that_are_rare_see_it_at_the_first_one_after(slider):
-    loop = Loop(slider, sensor=PIXEL, delays=DelayConfig(transport_us=2500))
+    loop = ClosedLoop(slider, sensor=PIXEL, delays=DelayConfig(transport_us=2500))
     # of tick 5, arrives at 7500 us; decisions are at 4000, 8000, ...
     assert first_seen_us(loop, tick=5, ticks=4)[0] == 8000
 
@@ -78,7 +78,7 @@ def test_frames_and_imu_samples_take_the_same_way(slider):
     )  # fmt: skip
 
     def arrivals(transport_us):
-        loop = Loop(slider, sensor=sensor, delays=DelayConfig(transport_us=transport_us))
+        loop = ClosedLoop(slider, sensor=sensor, delays=DelayConfig(transport_us=transport_us))
         loop.reset()
         found = {"frames": {}, "imu": {}}
         for _ in range(30):
@@ -97,7 +97,7 @@ def test_frames_and_imu_samples_take_the_same_way(slider):
 
 @pytest.mark.parametrize("control_us", [0, 1, 999, 1000, 1001, 4000, 5500])
 def test_a_control_acts_in_the_first_tick_that_begins_when_it_has_come(slider, control_us):
-    loop = Loop(slider, sensor=PIXEL, delays=DelayConfig(control_us=control_us))
+    loop = ClosedLoop(slider, sensor=PIXEL, delays=DelayConfig(control_us=control_us))
     loop.reset(state=True)
     for _ in range(3):
         loop.step([0.0])
@@ -115,7 +115,7 @@ def test_a_control_acts_in_the_first_tick_that_begins_when_it_has_come(slider, c
 
 def test_of_controls_that_come_together_the_last_decision_acts(slider):
     # all of 5 ticks wait for the same beginning, since a decision is every 5 ticks only
-    loop = Loop(slider, sensor=PIXEL, delays=DelayConfig(control_us=10_000))
+    loop = ClosedLoop(slider, sensor=PIXEL, delays=DelayConfig(control_us=10_000))
     loop.reset()
     for force in (1.0, 2.0, 3.0):
         loop.step([force], ticks=5)
@@ -128,8 +128,8 @@ def test_of_controls_that_come_together_the_last_decision_acts(slider):
 
 def test_what_is_lost_is_counted_and_leaves_a_gap(slider):
     noisy = SensorConfig("dvs128", width=32, height=32, shot_noise_rate_hz=500.0)
-    loop = Loop(slider, sensor=noisy, delays=DelayConfig(drop_share=0.25))
-    whole = Loop(slider, sensor=noisy)
+    loop = ClosedLoop(slider, sensor=noisy, delays=DelayConfig(drop_share=0.25))
+    whole = ClosedLoop(slider, sensor=noisy)
     for one in (loop, whole):
         one.reset(seed=8)
     ticks = 2000
@@ -149,7 +149,7 @@ def test_what_is_lost_is_counted_and_leaves_a_gap(slider):
 
 
 def test_everything_may_get_lost(slider):
-    loop = Loop(slider, sensor=PIXEL, delays=DelayConfig(drop_share=1.0))
+    loop = ClosedLoop(slider, sensor=PIXEL, delays=DelayConfig(drop_share=1.0))
     loop.reset()
     assert loop.step(ticks=50).packets == ()
     assert loop.dropped == {"eye": 50}
@@ -170,11 +170,11 @@ def course(loop, seed, ticks=120):
 
 
 def test_delays_follow_from_the_seed_and_from_nothing_else(slider):
-    loop = Loop(slider, sensor=PIXEL, delays=DELAYS)
+    loop = ClosedLoop(slider, sensor=PIXEL, delays=DELAYS)
     first = course(loop, 5)
     other = course(loop, 6)
     assert course(loop, 5) == first
-    assert course(Loop(slider, sensor=PIXEL, delays=DELAYS, seed=5), None) == first
+    assert course(ClosedLoop(slider, sensor=PIXEL, delays=DELAYS, seed=5), None) == first
 
     def times(seen):
         return [(one.t_us, packet.seq) for one in seen for packet in one.packets]
@@ -186,7 +186,7 @@ def test_delays_follow_from_the_seed_and_from_nothing_else(slider):
 def test_nothing_overtakes_and_nothing_comes_before_it_was_sent(slider):
     for seed in range(5):
         last = -1
-        for one in course(Loop(slider, sensor=PIXEL, delays=DELAYS), seed):
+        for one in course(ClosedLoop(slider, sensor=PIXEL, delays=DELAYS), seed):
             for packet in one.packets:
                 assert packet.seq > last
                 last = packet.seq
@@ -197,7 +197,7 @@ def test_each_link_of_a_camera_has_delays_of_its_own(slider):
     xml = SLIDER.replace(
         "<camera", '<camera name="other" pos="0 0 0" xyaxes="1 0 0 0 0 1"/><camera'
     )
-    loop = Loop(mujoco.MjModel.from_xml_string(xml), ("eye", "other"), sensor=PIXEL,
+    loop = ClosedLoop(mujoco.MjModel.from_xml_string(xml), ("eye", "other"), sensor=PIXEL,
                 delays=DelayConfig(transport_us=20_000, transport_jitter_us=5000.0))  # fmt: skip
     loop.reset()
     at = {"eye": {}, "other": {}}
@@ -223,7 +223,7 @@ def test_each_link_of_a_camera_has_delays_of_its_own(slider):
 )
 def test_delays_without_sense_are_refused(slider, delays, says):
     with pytest.raises(EvsError, match=says):
-        Loop(slider, sensor=PIXEL, delays=delays)
+        ClosedLoop(slider, sensor=PIXEL, delays=delays)
 
 
 def test_a_pipelines_table_says_the_same():

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator import Loop
+from evs.emulator import ClosedLoop
 from evs.msgs import EvsError
 from reference.closed_cart import CART, SMALL, drive, make
 
@@ -45,7 +45,7 @@ def test_sensors_of_every_stage_can_be_limits():
                         'axis="0 0 1"/><joint')  # fmt: skip
     model = mujoco.MjModel.from_xml_string(drop.replace('<key name="leaning" qpos="0 .2"/>', ""))
     for name, limit in (("speed", (-0.1, 0.1)), ("bump", (-1.0, 0.5))):
-        loop = Loop(model, sensor=SMALL, limits={name: limit})
+        loop = ClosedLoop(model, sensor=SMALL, limits={name: limit})
         seen = loop.reset()
         while not seen.done and seen.t_us < 2_000_000:
             seen = loop.step((1.0, 0.0))
@@ -58,7 +58,7 @@ def test_a_touch_is_a_limit_as_soon_as_it_is_felt():
     pos="0 -2 1" xyaxes="1 0 0 0 0 1"/><geom type="plane" size="1 1 1"/><body pos="0 0 .5">
     <freejoint/><geom size=".1"/><site name="skin" size=".12"/></body></worldbody>
     <sensor><touch name="bump" site="skin"/></sensor></mujoco>"""
-    loop = Loop(mujoco.MjModel.from_xml_string(xml), sensor=SMALL, limits={"bump": (0, 1)})
+    loop = ClosedLoop(mujoco.MjModel.from_xml_string(xml), sensor=SMALL, limits={"bump": (0, 1)})
     seen = loop.reset()
     while not seen.done:
         seen = loop.step(ticks=10)
@@ -97,6 +97,6 @@ def test_a_world_that_breaks_down_ends_it_and_what_came_before_stays(cart):
 )
 def test_time_is_over_in_the_tick_that_was_said(cart, max_s, end_us):
     # 2.007 * 1e6 is a little over 2007000
-    loop = Loop(cart, cameras=(), max_s=max_s)
+    loop = ClosedLoop(cart, cameras=(), max_s=max_s)
     loop.reset()
     assert loop.step(ticks=3000).t_us == end_us

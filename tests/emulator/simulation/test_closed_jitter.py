@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from evs.emulator import Loop
+from evs.emulator import ClosedLoop
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.schema import DelayConfig
 from evs.emulator.sensor.random import Term
@@ -83,7 +83,7 @@ STILL = """
 def test_a_loop_hands_packets_out_as_late_as_the_jitter_says():
     # decisions every 100 us; a packet is one decision late where its jitter is over 0
     ticks, tick_us = 4000, 100
-    loop = Loop(
+    loop = ClosedLoop(
         mujoco.MjModel.from_xml_string(STILL), ("a", "b"), tick_us=tick_us,
         sensor=SensorConfig("ideal", width=2, height=2),
         delays=DelayConfig(transport_us=5000, transport_jitter_us=20.0, drop_share=0.1),

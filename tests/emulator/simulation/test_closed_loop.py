@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import evs
-from evs.emulator import Loop, Observation, World
+from evs.emulator import ClosedLoop, Observation, World
 from evs.emulator.config import ApsConfig, ImuConfig, ModelConfig, SensorConfig
 from evs.msgs import EvsError
 from reference.closed_cart import CART, SMALL, drive, make, wave
@@ -169,7 +169,7 @@ def test_frames_and_imu_come_along(cart):
         "davis346", width=40, height=32, aps=ApsConfig(enabled=True, rate_hz=100, exposure_us=2000),
         imu=ImuConfig(enabled=True),
     )  # fmt: skip
-    loop = Loop(cart, "left", sensor=sensor)
+    loop = ClosedLoop(cart, "left", sensor=sensor)
     loop.reset(seed=1)
     seen = loop.step(ticks=50)
     assert [frame.seq for frame in seen.frames] == list(range(len(seen.frames)))
@@ -184,7 +184,7 @@ def test_a_loop_goes_around_any_world(cart):
     world = World(cart, control="random", seed=5)
     world.add_camera("left", sensor="dvs128")
     world.add_camera("right", sensor=SMALL)
-    loop = Loop.around(world, max_s=0.01)
+    loop = ClosedLoop.around(world, max_s=0.01)
     loop.reset()
     seen = loop.step(ticks=99)
     assert seen.done == "0.01 s are over"
@@ -194,7 +194,6 @@ def test_a_loop_goes_around_any_world(cart):
 
 
 def test_the_names_of_the_package(cart):
-    assert evs.Loop is Loop
     assert evs.Observation is Observation
 
 
@@ -228,7 +227,7 @@ def test_no_way_leads_from_an_observation_to_the_simulator(cart):
         }
         # the memory of events is the native core's, and holds nothing else
         assert {kind.__name__ for kind in strangers} <= {"nb_ndarray"}
-    assert Loop in {type(one) for one in reached({"a loop": loop})}
+    assert ClosedLoop in {type(one) for one in reached({"a loop": loop})}
 
 
 def test_an_observation_is_its_own_copy(cart):

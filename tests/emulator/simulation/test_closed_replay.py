@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator import Loop
+from evs.emulator import ClosedLoop
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.schema import DelayConfig
 
@@ -55,7 +55,7 @@ class Follower:
 
 def make():
     model = mujoco.MjModel.from_xml_string(POLE)
-    return Loop(model, "front", sensor=SENSOR, delays=DELAYS, threads=1)
+    return ClosedLoop(model, "front", sensor=SENSOR, delays=DELAYS, threads=1)
 
 
 def run(loop, seconds, decide, seed=21):

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.emulator import Loop, Observation, World
+from evs.emulator import ClosedLoop, Observation, World
 from evs.emulator.config import (
     ApsConfig,
     FlickerConfig,
@@ -115,7 +115,7 @@ def a_loop(cameras, delays, seed=0, threads=1):
     world = World(model_of(), seed=seed, threads=threads)
     for name, sensor, render, model in cameras:
         world.add_camera(name, sensor=sensor, render=render, model=model)
-    return Loop.around(world, limits={"angle": (-9.0, 9.0)}, max_s=9.0, delays=delays)
+    return ClosedLoop.around(world, limits={"angle": (-9.0, 9.0)}, max_s=9.0, delays=delays)
 
 
 def drive(loop, begin, ticks):
@@ -300,7 +300,7 @@ def test_mujocos_own_delays_go_on_and_looking_does_not_disturb_them():
     def make():
         model = mujoco.MjModel.from_xml_string(LATE)
         sensor = SensorConfig("ideal", width=4, height=4)
-        return Loop(model, sensor=sensor, limits={"p": (-9.0, 9.0)})
+        return ClosedLoop(model, sensor=sensor, limits={"p": (-9.0, 9.0)})
 
     one, other = make(), make()
     one.reset(state=True)

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator import Loop, VirtualCamera, World
+from evs.emulator import ClosedLoop, VirtualCamera, World
 from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.config.schema import DelayConfig
 from evs.emulator.state import pack, unpack
@@ -44,7 +44,7 @@ def a_world(xml=SWING, sensor=SMALL, names=("left", "right"), **options):
 
 def a_loop(**options):
     model = mujoco.MjModel.from_xml_string(SWING)
-    return Loop(model, ("left", "right"), sensor=SMALL, limits={"angle": (-2, 2)}, **options)
+    return ClosedLoop(model, ("left", "right"), sensor=SMALL, limits={"angle": (-2, 2)}, **options)
 
 
 @pytest.fixture(scope="module")
@@ -321,7 +321,7 @@ def test_a_network_is_known_by_its_weights():
 
 
 def test_a_loop_whose_world_got_a_camera_since_takes_the_blob_of_its_like():
-    loops = [Loop.around(a_world(names=("left",))) for _ in range(2)]
+    loops = [ClosedLoop.around(a_world(names=("left",))) for _ in range(2)]
     for loop in loops:
         loop.world.add_camera("right", sensor=SMALL)
     loops[0].reset(seed=3)

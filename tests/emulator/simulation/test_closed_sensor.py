@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator import Sensor
+from evs.emulator import EventCamera
 from evs.emulator.config import ApsConfig, ImuConfig, ReadoutConfig, SensorConfig
 from evs.msgs import EvsError
 
@@ -52,14 +52,14 @@ def course(sensor, model, data, calls):
 @pytest.mark.parametrize("cut", [0, 1, 2, 30])
 def test_it_goes_on_where_it_was_saved(cut):
     model, data = scene()
-    one = Sensor(model, "left", sensor=EVERYTHING, seed=4)
+    one = EventCamera(model, "left", sensor=EVERYTHING, seed=4)
     course(one, model, data, cut)
     blob, state = one.save(), mujoco.MjData(model)
     mujoco.mj_copyData(state, model, data)
     rest = course(one, model, data, 40)
     assert sum(len(events) for events, *_ in rest) > 16 * 100
 
-    other = Sensor(mujoco.MjModel.from_xml_string(BALL), "left", sensor=EVERYTHING, seed=5)
+    other = EventCamera(mujoco.MjModel.from_xml_string(BALL), "left", sensor=EVERYTHING, seed=5)
     other.restore(blob)
     assert other.packet is None
     assert course(other, model, state, 40) == rest
@@ -69,12 +69,12 @@ def test_it_goes_on_where_it_was_saved(cut):
 
 def test_a_refresh_and_a_refusal_before_it_is_saved_lose_nothing():
     model, data = scene()
-    one = Sensor(model, "left", sensor=EVERYTHING)
+    one = EventCamera(model, "left", sensor=EVERYTHING)
     course(one, model, data, 10)
     one.observe(data)
     with pytest.raises(EvsError, match="there is nothing between"):
         one.observe(data)
-    other = Sensor(model, "left", sensor=EVERYTHING)
+    other = EventCamera(model, "left", sensor=EVERYTHING)
     other.restore(one.save())
     mujoco.mj_step(model, data)
     np.testing.assert_array_equal(one.observe(data), other.observe(data))
@@ -82,7 +82,7 @@ def test_a_refresh_and_a_refusal_before_it_is_saved_lose_nothing():
     for sensor in (one, other):
         sensor.refresh()
     # nothing was seen since
-    again = Sensor(model, "left", sensor=EVERYTHING)
+    again = EventCamera(model, "left", sensor=EVERYTHING)
     again.restore(one.save())
     mujoco.mj_step(model, data)
     events = one.observe(data)
@@ -92,14 +92,14 @@ def test_a_refresh_and_a_refusal_before_it_is_saved_lose_nothing():
 
 def test_what_is_not_its_own_is_refused():
     model, data = scene()
-    one = Sensor(model, "left", sensor=EVERYTHING)
+    one = EventCamera(model, "left", sensor=EVERYTHING)
     course(one, model, data, 3)
     blob = one.save()
-    smaller = Sensor(model, "left", sensor=SensorConfig("davis346", width=20, height=20))
+    smaller = EventCamera(model, "left", sensor=SensorConfig("davis346", width=20, height=20))
     with pytest.raises(EvsError, match=r"camera\.sensor\.width was 40, here it is 20"):
         smaller.restore(blob)
     model.geom("floor").rgba[0] = 0.9
-    changed = Sensor(model, "left", sensor=EVERYTHING)
+    changed = EventCamera(model, "left", sensor=EVERYTHING)
     with pytest.raises(EvsError, match="saved by another model"):
         changed.restore(blob)
     with pytest.raises(EvsError, match="is damaged"):

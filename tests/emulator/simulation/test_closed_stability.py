@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator import Loop
+from evs.emulator import ClosedLoop
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.schema import DelayConfig
 
@@ -39,7 +39,7 @@ HONEY = """
 def course(gain_hz, delays, ticks):
     """(ticks,) position under u = -K x, where x is what the newest packet that came belongs to."""
     model = mujoco.MjModel.from_xml_string(HONEY)
-    loop = Loop(model, sensor=SensorConfig("ideal", width=2, height=2), delays=delays)
+    loop = ClosedLoop(model, sensor=SensorConfig("ideal", width=2, height=2), delays=delays)
     seen = loop.reset(keyframe="off")
     known = {0: seen.position[0] / GEAR}
     newest_us, positions = 0, []

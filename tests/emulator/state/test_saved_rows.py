@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.emulator import Loop
+from evs.emulator import ClosedLoop
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.schema import DelayConfig
 from evs.msgs import EvsError
@@ -39,17 +39,17 @@ BIG = 2**30
 
 
 @pytest.fixture(scope="module")
-def loop() -> Loop:
+def loop() -> ClosedLoop:
     model = mujoco.MjModel.from_xml_string(SCENE)
     sensor = SensorConfig("dvs128", width=12, height=9)
-    loop = Loop(model, sensor=sensor, threads=1, delays=DelayConfig(transport_us=3000))
+    loop = ClosedLoop(model, sensor=sensor, threads=1, delays=DelayConfig(transport_us=3000))
     loop.reset(seed=1)
     loop.step([0.5], ticks=9)
     return loop
 
 
 @pytest.fixture(scope="module")
-def blob(loop: Loop) -> bytes:
+def blob(loop: ClosedLoop) -> bytes:
     return loop.save()
 
 
@@ -65,7 +65,7 @@ def joined(head: Any, data: bytes) -> bytes:
     return b"evs save" + struct.pack("<II", 1, zlib.crc32(rest)) + rest
 
 
-def refused(loop: Loop, blob: bytes) -> None:
+def refused(loop: ClosedLoop, blob: bytes) -> None:
     """In one line that any wire can carry, and without the memory that it asks for."""
     before = loop.t_us
     tracemalloc.start()
@@ -93,7 +93,7 @@ def refused(loop: Loop, blob: bytes) -> None:
         ["\ud800", "<f8", [], "one", 8],
     ],
 )
-def test_a_row_that_cannot_be(loop: Loop, blob: bytes, row: list[Any]) -> None:
+def test_a_row_that_cannot_be(loop: ClosedLoop, blob: bytes, row: list[Any]) -> None:
     head, data = parts_of(blob)
     refused(loop, joined({**head, "arrays": [*head["arrays"], row]}, data + bytes(row[4])))
     refused(loop, joined({**head, "arrays": [row]}, bytes(row[4])))
@@ -101,7 +101,7 @@ def test_a_row_that_cannot_be(loop: Loop, blob: bytes, row: list[Any]) -> None:
 
 @pytest.mark.parametrize("way", ["one", "deflate"])
 @pytest.mark.parametrize("name", ["channels.0.packets.bytes", "world.given", "done"])
-def test_a_few_bytes_take_no_memory(loop: Loop, blob: bytes, name: str, way: str) -> None:
+def test_a_few_bytes_take_no_memory(loop: ClosedLoop, blob: bytes, name: str, way: str) -> None:
     """Also where an array of this name and kind belongs there, of any length."""
     head, data = parts_of(blob)
     names = [row[0] for row in head["arrays"]]
@@ -129,11 +129,11 @@ def test_a_few_bytes_take_no_memory(loop: Loop, blob: bytes, name: str, way: str
     ],
     ids=lambda about: about[:20].decode() + str(len(about)),
 )
-def test_a_description_that_cannot_be(loop: Loop, about: bytes) -> None:
+def test_a_description_that_cannot_be(loop: ClosedLoop, about: bytes) -> None:
     refused(loop, joined(b'{"about": ' + about + b', "arrays": []}', b""))
 
 
-def test_a_text_that_no_wire_carries(loop: Loop, blob: bytes) -> None:
+def test_a_text_that_no_wire_carries(loop: ClosedLoop, blob: bytes) -> None:
     head, data = parts_of(blob)
     place = next(n for n, row in enumerate(head["arrays"]) if row[0] == "done")
     row = head["arrays"][place]
@@ -156,7 +156,7 @@ CHANGED = (
 
 @given(data=st.data())
 @settings(max_examples=150)
-def test_a_head_that_lies_does_no_harm(loop: Loop, blob: bytes, data: st.DataObject) -> None:
+def test_a_head_that_lies_does_no_harm(loop: ClosedLoop, blob: bytes, data: st.DataObject) -> None:
     """Refused in one line, or restored."""
     head, rest = parts_of(blob)
     row = head["arrays"][data.draw(st.integers(0, len(head["arrays"]) - 1))]

@@ -27,7 +27,7 @@ began = threading.Event()
 def steps():
     model = mujoco.MjModel.from_xml_string(XML)
     data = mujoco.MjData(model)
-    sensor = evs.Sensor(model, camera="c", seed=1)
+    sensor = evs.EventCamera(model, camera="c", seed=1)
     while True:
         mujoco.mj_step(model, data)
         sensor.observe(data)

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator import Sensor
+from evs.emulator import EventCamera
 from evs.emulator.config import CameraConfig, RenderConfig, SensorConfig
 from evs.emulator.world import ORTHOGRAPHIC
 from evs.msgs import Events, join_events
@@ -77,7 +77,7 @@ def seen(
     model = mujoco.MjModel.from_xml_string(SCENE)
     for camera in CAMERAS:
         data = mujoco.MjData(model)
-        sensor = Sensor(
+        sensor = EventCamera(
             model,
             camera,
             sensor=SensorConfig("ideal", width=48, height=36),

@@ -12,7 +12,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from evs.emulator import LeftOutWarning, Sensor, World
+from evs.emulator import EventCamera, LeftOutWarning, World
 from evs.emulator.config import SensorConfig
 from evs.emulator.world import extract_scene
 from evs.launch import main
@@ -97,7 +97,7 @@ def test_the_warning_names_the_users_own_line() -> None:
     with pytest.warns(LeftOutWarning) as said:
         world = World(model)
     with pytest.warns(LeftOutWarning) as also_said:
-        Sensor(model, sensor=SMALL)
+        EventCamera(model, sensor=SMALL)
     assert [warning.filename for warning in (*said, *also_said)] == [__file__] * 2
     assert world.left_out == (LIGHTS['<light type="image"/>'],)
 

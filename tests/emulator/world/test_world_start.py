@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evs.emulator import Loop, World
+from evs.emulator import ClosedLoop, World
 from evs.emulator.base.stamps import MAX_START_US
 from evs.emulator.config import (
     ApsConfig,
@@ -99,7 +99,7 @@ def test_an_episode_is_as_long_wherever_it_begins() -> None:
     ends = []
     for start_us in (0, STARTS[1]):
         plain = replace(CONFIG, scene=replace(PENDULUM, start_us=start_us), sensor=SensorConfig())
-        loop = Loop.around(World.from_config(plain), max_s=0.005)
+        loop = ClosedLoop.around(World.from_config(plain), max_s=0.005)
         seen = loop.reset()
         while not seen.done:
             seen = loop.step()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from evs.emulator import Loop
+from evs.emulator import ClosedLoop
 from evs.emulator.config import SensorConfig
 
 SMALL = SensorConfig(preset="dvs128", width=40, height=32)
@@ -33,7 +33,7 @@ CART = """
 
 
 def make(cart, **options):
-    return Loop(cart, cameras=("left", "right"), sensor=SMALL, **options)
+    return ClosedLoop(cart, cameras=("left", "right"), sensor=SMALL, **options)
 
 
 def drive(loop, decisions, seed=3, **options):

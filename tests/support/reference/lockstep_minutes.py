@@ -13,7 +13,7 @@ PROGRAM = (
     + """
 import json
 import mujoco, numpy as np
-from evs.emulator import Loop
+from evs.emulator import ClosedLoop
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.schema import DelayConfig
 
@@ -26,7 +26,7 @@ XML = '''<mujoco><option timestep=".001"/><worldbody><light pos="0 -1 3"/>
 <sensor><jointpos name="angle" joint="swing"/></sensor></mujoco>'''
 side, ticks = (int(word) for word in sys.argv[1:])
 delays = DelayConfig(transport_us=2500, transport_jitter_us=700.0, drop_share=0.01, control_us=1500)
-loop = Loop(mujoco.MjModel.from_xml_string(XML), sensor=SensorConfig("dvs128", width=side,
+loop = ClosedLoop(mujoco.MjModel.from_xml_string(XML), sensor=SensorConfig("dvs128", width=side,
             height=side), threads=1, delays=delays, limits={"angle": (-1e9, 1e9)}, max_s=3600.0)
 seen = loop.reset(seed=2)
 packets = events = 0

@@ -1,4 +1,4 @@
-"""What the tests of sinks aside share: packets of a small camera, and patience."""
+"""What the tests of worker sinks share: packets of a small camera, and patience."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ class Camera:
         self.imu_packet = ImuPacket(seq, samples, "eye") if info.imu else None
 
 
-def aside(**given: Any) -> WorkerSink:
-    sink = make_sink(SinkConfig(aside=True, **given))
+def worker_sink(**given: Any) -> WorkerSink:
+    sink = make_sink(SinkConfig(worker=True, **given))
     assert isinstance(sink, WorkerSink)
     return sink
 

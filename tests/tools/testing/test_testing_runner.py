@@ -137,7 +137,7 @@ def test_what_fails_is_left_behind_and_runs_again_to_the_byte(runner: LoopRunner
     assert recording.name == f"seed-{worst.seed}-onboard.aedat4"
     # what the controller saw, once more: without a loop, and with one of our own
     saw = Swing.made[[5, 6].index(worst.seed)].seen
-    loop = evs.Loop(
+    loop = evs.ClosedLoop(
         Path(evs.__file__).parent / "config/scenes/cartpole.xml", delays=delays, **OPTIONS
     )
     for seen in (list(replay(evidence)), list(replay(evidence, loop))):
@@ -185,7 +185,7 @@ def test_a_scene_without_actuators_is_looked_at(runner: LoopRunner) -> None:
     with pytest.raises(AssertionError) as caught:
         run.never_leaves("angle", 1, 2)
     (evidence, _) = files_of(caught.value)[:2]
-    assert len(list(replay(evidence, evs.Loop(spec, **OPTIONS)))) == 21
+    assert len(list(replay(evidence, evs.ClosedLoop(spec, **OPTIONS)))) == 21
 
 
 def test_an_episode_that_ends_is_not_gone_on_with(runner: LoopRunner) -> None:
@@ -201,7 +201,7 @@ def test_an_episode_that_ends_is_not_gone_on_with(runner: LoopRunner) -> None:
 def test_a_loop_of_ones_own_is_taken(runner: LoopRunner, tmp_path: Path) -> None:
     world = evs.World(Path(evs.__file__).parent / "config/scenes/cartpole.xml")
     world.add_camera("onboard", sensor=OPTIONS["sensor"])
-    loop = evs.Loop.around(world)
+    loop = evs.ClosedLoop.around(world)
     run = runner(loop, Swing, seconds=0.05)
     assert run.traces[0].events == sum(camera.events for camera in world.cameras)
     with pytest.raises(AssertionError) as caught:
@@ -214,7 +214,7 @@ def test_a_loop_of_ones_own_is_taken(runner: LoopRunner, tmp_path: Path) -> None
 
 
 def test_a_recorder_beside_ones_own_loop_stays(runner: LoopRunner) -> None:
-    loop = evs.Loop(Path(evs.__file__).parent / "config/scenes/cartpole.xml", **OPTIONS)
+    loop = evs.ClosedLoop(Path(evs.__file__).parent / "config/scenes/cartpole.xml", **OPTIONS)
     ticks: list[int] = []
 
     def beside(packets: tuple[evs.EventPacket, ...]) -> None:
@@ -274,9 +274,11 @@ def test_something_that_makes_no_controller_is_refused(runner: LoopRunner) -> No
     ):
         with pytest.raises(EvsError, match=says):
             runner(CART, wrong, seconds=0.1, **OPTIONS)
-    with pytest.raises(EvsError, match="cameras= belongs to the Loop"):
+    with pytest.raises(EvsError, match="cameras= belongs to the ClosedLoop"):
         runner(
-            evs.Loop(Path(evs.__file__).parent / "config/scenes/cartpole.xml"), Swing, cameras="x"
+            evs.ClosedLoop(Path(evs.__file__).parent / "config/scenes/cartpole.xml"),
+            Swing,
+            cameras="x",
         )
 
 

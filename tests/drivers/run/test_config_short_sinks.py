@@ -1,16 +1,13 @@
-"""Keys that stand for others: old pipeline files and commands work, and new names beside them."""
+"""`publish` and `record`: keys of a pipeline that stand for a sink."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
+from evs.drivers.run.config import PUBLISH, PipelineConfig, SinkConfig, load
 
-from evs.drivers.run.config import PUBLISH, WORKER, PipelineConfig, SinkConfig, load, resolved_key
-from evs.msgs import EvsError
-
-OLD = """
+SHORT = """
 publish = "tcp://127.0.0.1:5560"
 publish_wait_for = 2
 publish_wait_s = 3.5
@@ -19,15 +16,15 @@ publish_key = "/keys/a.secret.key"
 publish_allow = ["/keys/b.key"]
 publish_insecure = true
 record = "/run.aedat4"
-aside = true
+worker = true
 [scene]
 file = "/x.xml"
 [[sink]]
 type = "npz"
 file = "/run.npz"
-aside = true
-aside_mb = 8.0
-aside_cores = [1]
+worker = true
+worker_mb = 8.0
+worker_cores = [1]
 """
 
 SINKS = (
@@ -40,10 +37,10 @@ SINKS = (
         key="/keys/a.secret.key",
         allow=("/keys/b.key",),
         insecure=True,
-        aside=True,
+        worker=True,
     ),
-    SinkConfig(type="npz", file="/run.npz", aside=True, aside_mb=8.0, aside_cores=(1,)),
-    SinkConfig(type="aedat4", file="/run.aedat4", aside=True),
+    SinkConfig(type="npz", file="/run.npz", worker=True, worker_mb=8.0, worker_cores=(1,)),
+    SinkConfig(type="aedat4", file="/run.aedat4", worker=True),
 )
 
 
@@ -52,14 +49,12 @@ def loaded(folder: Path, text: str) -> PipelineConfig:
     return load(str(folder / "run.toml"))
 
 
-def test_an_old_pipeline_file_means_what_it_meant(tmp_path: Path) -> None:
-    config = loaded(tmp_path, OLD)
+def test_a_pipeline_file_has_sinks_without_a_table(tmp_path: Path) -> None:
+    config = loaded(tmp_path, SHORT)
     assert config.sinks() == SINKS
-    # the new name is the same key
-    assert loaded(tmp_path, OLD.replace("aside", "worker")) == config
 
 
-def test_an_old_command_means_what_it_meant() -> None:
+def test_a_command_has_the_same_sinks() -> None:
     words = {
         "scene.file": "/x.xml",
         "publish": "tcp://127.0.0.1:5560",
@@ -72,21 +67,19 @@ def test_an_old_command_means_what_it_meant() -> None:
         "record": "/run.aedat4",
         "sink.0.type": "npz",
         "sink.0.file": "/run.npz",
-        "sink.0.aside_mb": "8",
-        "sink.0.aside_cores": "1",
-        "aside": "true",
+        "sink.0.worker_mb": "8",
+        "sink.0.worker_cores": "1",
+        "worker": "true",
     }
     config = load(None, words.items())
     first, second, third = SINKS
-    assert config.sinks() == (first, replace(second, aside=True), third)
-    new = {key.replace("aside", "worker"): text for key, text in words.items()}
-    assert load(None, new.items()) == config
+    assert config.sinks() == (first, replace(second, worker=True), third)
 
 
 def test_every_key_of_publish_is_one_of_its_sink() -> None:
     assert set(PUBLISH) <= {name for name in vars(PipelineConfig()) if name.startswith("publish")}
     assert len(PUBLISH) == sum(name.startswith("publish") for name in vars(PipelineConfig()))
-    assert set(PUBLISH.values()) | set(WORKER.values()) <= set(vars(SinkConfig()))
+    assert set(PUBLISH.values()) <= set(vars(SinkConfig()))
 
 
 def test_not_to_wait_at_all_is_passed_on() -> None:
@@ -98,25 +91,3 @@ def test_not_to_wait_at_all_is_passed_on() -> None:
 def test_wait_s_alone_changes_nothing() -> None:
     words = [("scene.file", "/x.xml"), ("publish", "tcp://127.0.0.1:1"), ("publish_wait_s", "1")]
     assert load(None, words).sinks() == (SinkConfig(type="zmq", address="tcp://127.0.0.1:1"),)
-
-
-@pytest.mark.parametrize(
-    ("key", "meant"),
-    [
-        ("worker", "aside"),
-        ("sink.3.worker", "sink.3.aside"),
-        ("sink.0.worker_cores", "sink.0.aside_cores"),
-        ("worker_mb", "worker_mb"),
-        ("scene.worker", "scene.worker"),
-        ("publish", "publish"),
-    ],
-)
-def test_aliases_stand_only_where_their_keys_do(key: str, meant: str) -> None:
-    assert resolved_key(key) == meant
-
-
-def test_one_key_by_two_names_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(EvsError, match="at worker: aside is the same key; give one of them"):
-        loaded(tmp_path, "worker = true\naside = true\n")
-    with pytest.raises(EvsError, match=r"at sink.0.worker_mb: sink.0.aside_mb is the same key"):
-        loaded(tmp_path, "[[sink]]\nworker_mb = 1\naside_mb = 1\n")
