@@ -311,6 +311,8 @@ def background_results(sensor: SensorParameters, found: Sequence[Background]) ->
     for at in found:
         promised = noise_rate_hz(sensor, at.lux)
         note = _noise_note(sensor, at.lux, promised)
+        # no law is known of references that follow the light
+        promised = math.nan if sensor.highpass_hz else promised
         results.append(Quantity("shot noise rate", "Hz", *at.shot, promised, at.lux, note))
     for at in found:
         note = "the high pass takes part of it" if sensor.highpass_hz else ""
@@ -318,13 +320,18 @@ def background_results(sensor: SensorParameters, found: Sequence[Background]) ->
         restarts = sensor.shot_noise_rate_hz > 0.0
         if restarts and sensor.has_hot_pixels and at.shot[0] > 0.1 * at.leak[0]:
             note = "noise hides part of the hot tail"
+        if at.leak[0] < 2.0 * at.leak[1] and at.shot[0] > 0.0:
+            note = note or "lost in shot noise"
         promised = leak_rate_hz(sensor, at.lux, _of_tail(sensor, at))
+        promised = math.nan if sensor.highpass_hz else promised
         results.append(Quantity("leak rate", "Hz", *at.leak, promised, at.lux, note))
     last = min(found, key=lambda at: at.on[0] + at.off[0])
     share = last.hot_share
     error = math.sqrt(share * (1.0 - share) / last.pixels)
     limit_hz = _of_tail(sensor, last)
     promised, above, _ = hot_tail(sensor, limit_hz)
+    if sensor.highpass_hz:
+        promised, above = math.nan, 0.0
     note = f"over {last.hot_hz:.3g} Hz"
     results.append(Quantity("hot pixels", "", share, error, promised, last.lux, note))
     if share > 0.0:

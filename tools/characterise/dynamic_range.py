@@ -43,10 +43,13 @@ class DynamicRange:
 
     def results(self, sensor: SensorParameters) -> list[Quantity]:
         """Least illuminance at which half of the pixels respond, and the range to the highest."""
-        promised = lowest_lux(sensor, DARKEST_LUX, BRIGHTEST_LUX)
+        promised = math.nan
+        if not sensor.highpass_hz:
+            promised = lowest_lux(sensor, DARKEST_LUX, BRIGHTEST_LUX)
         lowest, error = self.lowest_lux
         note = "the lamp ends here" if self.highest_lux == BRIGHTEST_LUX else ""
-        nowhere = "half of the pixels answer nowhere" if math.isnan(lowest) else ""
+        nowhere = "the high pass takes part of the step" if sensor.highpass_hz else ""
+        nowhere = "half of the pixels answer nowhere" if math.isnan(lowest) else nowhere
         range_error = 20.0 / math.log(10.0) * error / lowest
         promised_range = 20.0 * math.log10(BRIGHTEST_LUX / promised)
         return [

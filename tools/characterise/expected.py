@@ -176,17 +176,22 @@ def ramp_contrast(
         slope: of the ramp, log units a second; the leak helps ON events and hinders OFF events.
 
     Returns:
-        (contrast, its standard deviation over pixels), of 1; NaN: the leak is faster than the ramp.
+        (contrast, its standard deviation over pixels), of 1; NaN: the leak or the high pass is
+        faster than the ramp.
     """
     theta = sensor.pos_thres if on else sensor.neg_thres
     leak = leak_rate_hz(sensor, lux) * sensor.pos_thres
-    if not on and leak > 0.9 * slope:
+    drive = slope + leak if on else slope - leak
+    # at the threshold, where the reference follows the light fastest
+    follows = 2.0 * math.pi * sensor.highpass_hz
+    left = drive - follows * theta
+    if left < 0.1 * slope:
         return math.nan, math.nan
-    share = slope / (slope + leak if on else slope - leak)
-    variance = (share * sensor.sigma_thres) ** 2
+    interval_s = -math.log1p(-follows * theta / drive) / follows if follows else theta / drive
+    variance = (slope * sensor.sigma_thres / left) ** 2
     # of a log-normal ratio of light
-    spread = math.exp(share * theta + 0.5 * variance) * math.sqrt(math.expm1(variance))
-    return math.expm1(share * theta), spread
+    spread = math.exp(slope * interval_s + 0.5 * variance) * math.sqrt(math.expm1(variance))
+    return math.expm1(slope * interval_s), spread
 
 
 def lowest_lux(sensor: SensorParameters, darkest: float, brightest: float) -> float:

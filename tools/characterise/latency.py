@@ -13,7 +13,7 @@ from evs.emulator.sensor import SensorParameters, make_readout
 from evs.emulator.sensor.parameters import ReadoutParameters
 from evs.emulator.sensor.reference.photon_noise import Band
 from evs.tools.characterise.bench import Bench, LightExposure, pixel_numbers, share_of
-from evs.tools.characterise.expected import DOUBLED, HALF, latency_s
+from evs.tools.characterise.expected import DOUBLED, HALF, half_power_hz, latency_s
 from evs.tools.characterise.quantity import Quantity
 from evs.tools.characterise.settle import growing_us, settle, window_us
 
@@ -26,11 +26,15 @@ ENOUGH = 0.99
 NOISY = 0.1
 """deviation of the photon noise over the ON threshold from which on it moves first crossings"""
 
+SLOW = 30.0
+"""times the high pass: bandwidth below which it delays crossings by some percent"""
+
 GROWTH = 0.04
 """length of a tick over the time since the step"""
 
 CLOCK_S = 1e-6 / math.sqrt(12.0)
 """standard deviation of a stamp that is rounded to a microsecond"""
+CLOCK_MATTERS_S = 2e-6
 
 
 @dataclass(frozen=True)
@@ -124,8 +128,10 @@ def latency_results(sensor: SensorParameters, found: Sequence[Latency]) -> list[
     means, jitters = [], []
     for at in found:
         mean, jitter = latency_s(sensor, at.lux)
-        note = "the set value has no photon noise" if _noisy(sensor, at.lux) else ""
-        note = "the high pass delays it" if sensor.highpass_hz else note
+        note = "the clock counts whole us" if at.mean_s[0] < CLOCK_MATTERS_S else ""
+        note = "the set value has no photon noise" if _noisy(sensor, at.lux) else note
+        if half_power_hz(sensor, at.lux) < SLOW * sensor.highpass_hz:
+            note = "the high pass delays it"
         note = note if at.share >= HALF else "too dark for half of the pixels"
         note = "buried in noise" if math.isnan(at.share) else note
         means.append(Quantity("latency", "s", *at.mean_s, mean, at.lux, note))

@@ -134,7 +134,7 @@ def test_the_map_is_that_of_the_pixels() -> None:
 @pytest.mark.parametrize(
     "terms",
     quick_and_slow(
-        [{}, {"sigma_thres": 0.0}],
+        [{}, {"sigma_thres": 0.0}, {"highpass_hz": 1.0}],
         [
             ALL,
             {"pos_thres": 0.4, "neg_thres": 0.15},
@@ -148,7 +148,7 @@ def test_ramp_thresholds(terms: dict[str, Any]) -> None:
     made = bench(**terms)
     found = measure_ramp(made)
     on, on_spread, off, off_spread = found.results(made.sensor)
-    bare = not set(terms) & {"leak_rate_hz", "cutoff_hz"}
+    bare = not set(terms) & {"leak_rate_hz", "cutoff_hz", "highpass_hz"}
     if bare:
         assert math.isclose(on.set, 100 * math.expm1(made.sensor.pos_thres), rel_tol=1e-12)
         assert math.isclose(off.set, 100 * math.expm1(made.sensor.neg_thres), rel_tol=1e-12)
