@@ -76,14 +76,35 @@ def test_the_last_of_the_model_is_seen(kinds: dict[str, str], more: str) -> None
         np.testing.assert_allclose(light[top], alone[last][1][top], rtol=1e-4)
 
 
+LAMP = '<light pos=".3 .2 3" dir="-.1 0 -1" cutoff="60" diffuse=".5 .5 .5"/>'
+
+
+@pytest.mark.parametrize("renderer", ["direct", "hybrid", "path"])
+@pytest.mark.parametrize("kinds", [FLAT, ROUND], ids=["flat", "round"])
+def test_nothing_is_shaded_by_what_it_coincides_with(renderer: str, kinds: dict[str, str]) -> None:
+    """Shadow rays of a lamp and of the sky, from each kind on each other."""
+    more = {"renderer": renderer, "spp": 4} | ({} if renderer == "direct" else {"bounces": 0})
+    alone = {kind: seen(model_of(geom(kinds, kind, 1), more=LAMP), 0.4, **more) for kind in kinds}
+    top = np.logical_and.reduce([ids == 0 for ids, _ in alone.values()])
+    inside = top.copy()
+    for axis, step in itertools.product((0, 1), (1, -1)):
+        inside &= np.roll(top, step, axis)
+    assert inside.sum() > 100
+    for first, last in itertools.product(kinds, kinds):
+        model = model_of(geom(kinds, first, 0), geom(kinds, last, 1), more=LAMP)
+        light = seen(model, 0.4, **more)[1]
+        np.testing.assert_allclose(
+            light[inside], alone[last][1][inside], rtol=1e-3, err_msg=f"{first} {last}"
+        )
+
+
 @pytest.mark.parametrize(
     ("renderer", "pair"),
     [
         *itertools.product(
-            ["direct", "hybrid", "path"], [("box", "mesh"), ("plane", "box"), ("box", "box")]
-        ),
-        # in the others the light of a sky does not reach a box on which a mesh lies
-        ("direct", ("mesh", "box")),
+            ["direct", "hybrid", "path"],
+            [("box", "mesh"), ("mesh", "box"), ("plane", "box"), ("box", "box")],
+        )
     ],
 )
 def test_every_renderer_sees_the_same(renderer: str, pair: tuple[str, str]) -> None:

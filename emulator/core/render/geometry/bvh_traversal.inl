@@ -1,6 +1,8 @@
 // Traversal of a mesh's BVH by a packet of rays, in the mesh's frame.
 #pragma once
 
+#include <cmath>
+
 #include "geometry/rays.inl"
 #include "scene.h"
 
@@ -110,9 +112,25 @@ EVS_OUTLINE_IN_PATHS inline Mask intersect_mesh(const Mesh& mesh, const MeshRays
   return any_hit;
 }
 
-// Find the lanes of `active` that hit any face, front or back, before `t_max`.
-EVS_OUTLINE_IN_PATHS inline Mask occluded_mesh(const Mesh& mesh, const MeshRays& r, Float t_max,
-                                               Mask active) {
+constexpr float LOCAL_ROUNDING = 4e-7f;  // of a ray's origin in the mesh's frame, as a share of it
+
+// Between a vector's length and 1.74 of it.
+EVS_INLINE Float length_bound(Vec v) { return abs(v.x) + abs(v.y) + abs(v.z); }
+EVS_INLINE float length_bound(V3 v) { return std::abs(v.x) + std::abs(v.y) + std::abs(v.z); }
+
+// The lanes of `hit` whose origin is not in the plane of the triangle. A shadow ray begins on a
+// surface; a face in whose plane it begins coincides with that surface.
+EVS_INLINE Mask begins_apart(const Triangle& t, const MeshRays& r, Vec origin, Float distance,
+                             Mask hit) {
+  Float height = distance * dot(r.d, splat(t.normal));  // times the length of the normal
+  Float rounding = length_bound(origin) * COINCIDENT + length_bound(r.o) * LOCAL_ROUNDING;
+  return hit & (abs(height) > rounding * length_bound(t.normal));
+}
+
+// Find the lanes of `active` that hit any face, front or back, before `t_max`. `origin`: of the
+// rays, in the camera's frame.
+EVS_OUTLINE_IN_PATHS inline Mask occluded_mesh(const Mesh& mesh, const MeshRays& r, Vec origin,
+                                               Float t_max, Mask active) {
   Mask blocked = mask_from_bits(0);
   if (mesh.node_count == 0) return blocked;
   int stack[MAX_STACK], top = 0;
@@ -134,6 +152,7 @@ EVS_OUTLINE_IN_PATHS inline Mask occluded_mesh(const Mesh& mesh, const MeshRays&
         Mask hit = intersect_triangle(mesh.triangles[i], r, t_max, true, distance, a, b);
         hit = hit & (distance < t_max);
         if (!any(hit)) continue;
+        hit = begins_apart(mesh.triangles[i], r, origin, distance, hit);
         blocked = blocked | hit;
         t_max = select(hit, splat(-1.0f), t_max);
         if (!any(active & ~blocked)) return blocked;

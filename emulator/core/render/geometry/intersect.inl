@@ -133,8 +133,8 @@ EVS_INLINE void occlude(const Frame& f, int index, const Rays& rays, Float t_max
   const Geom& g = f.geoms[index];
   Vec o = local_origin(g, rays), d = to_local(g.rotation, rays.direction);
   if (g.shape == MESH || g.shape == HFIELD) {
-    blocked =
-        blocked | occluded_mesh(f.meshes[g.mesh], mesh_rays(f.meshes[g.mesh], o, d), t_max, tested);
+    blocked = blocked | occluded_mesh(f.meshes[g.mesh], mesh_rays(f.meshes[g.mesh], o, d),
+                                      rays.origin, t_max, tested);
   } else {
     blocked = blocked | (tested & (intersect_shape(g, o, d) < t_max));
   }
