@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from evs.emulator.evsnet.export import export
 from evs.launch.main import main
 from evs.msgs import EvsError
 from evs.tools.evaluation import evaluate as whole
 from evs.tools.evaluation import models, scenes, table
 from evs.tools.evaluation.clip_light import LightSpec
 from evs.tools.evaluation.light_cache import LightCache
-from evs.tools.training.export import export
 from reference.judged import written
 from reference.networks import random_network
 

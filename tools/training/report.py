@@ -19,8 +19,8 @@ from evs.drivers.pictures.chart_layout import Chart, Series
 from evs.drivers.pictures.pen import RGB
 from evs.drivers.pictures.scales import Scale, decades_around
 from evs.drivers.run.report import write_whole
+from evs.emulator.evsnet.export import export
 from evs.msgs.pictures import U8
-from evs.tools.training.export import export
 from evs.tools.training.fit import TrainedNetwork
 from evs.tools.training.settings import Variant
 from evs.tools.training.shards import read_meta

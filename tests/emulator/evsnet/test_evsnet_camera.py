@@ -11,10 +11,10 @@ import pytest
 from evs.drivers import files
 from evs.emulator import EventCamera, VirtualCamera, World
 from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
+from evs.emulator.evsnet.export import export
 from evs.emulator.world import load_model
 from evs.launch.main import main
 from evs.msgs import EvsError
-from evs.tools.training.export import export
 from reference.networks import random_network
 
 SMALL = SensorConfig(preset="ideal", width=37, height=26)

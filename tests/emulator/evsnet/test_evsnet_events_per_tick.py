@@ -11,12 +11,12 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.base.scene import F32
 from evs.emulator.evsnet.bilif import EVENTS_PER_TICK, most_events
+from evs.emulator.evsnet.export import export
 from evs.emulator.evsnet.model import EvsNetModel
 from evs.emulator.evsnet.network_files import read_network
 from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import Events, EvsError
-from evs.tools.training.export import export
 from reference.networks import STRANGE, through_network
 
 WIDTH, HEIGHT = 23, 10

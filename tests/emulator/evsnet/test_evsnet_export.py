@@ -15,9 +15,9 @@ import onnxruntime
 import pytest
 
 from evs.emulator.evsnet import NetworkWeights
+from evs.emulator.evsnet.export import export, sidecar
 from evs.emulator.evsnet.onnx_graph import streaming_graph
 from evs.msgs import EvsError
-from evs.tools.training.export import export, sidecar
 from reference.networks import random_network
 
 ONE = [(8, 3, False, 0), (4, 3, True, 3), (8, 3, True, 1), (1, 0, False, 2), (5, 1, True, 3)]

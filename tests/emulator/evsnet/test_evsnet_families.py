@@ -9,6 +9,7 @@ import pytest
 from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import ModelConfig, RenderConfig
 from evs.emulator.evsnet import network_files
+from evs.emulator.evsnet.export import export
 from evs.emulator.evsnet.network_files import (
     families,
     load_network,
@@ -19,8 +20,6 @@ from evs.emulator.evsnet.network_files import (
 )
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
-from evs.tools.evaluation import models
-from evs.tools.training.export import export
 from reference.networks import random_network
 
 NAMES = ["net_16spp", "net_1spp", "net_4spp", "other_8spp", "paper", "net_0spp", "spp", "_4spp"]
@@ -74,17 +73,4 @@ def test_a_camera_takes_the_member_for_its_light(folder: Path) -> None:
     ):
         config = ModelConfig(name="evsnet", network="net")
         model = make_event_model(sensor, config, 1, render.noisy_samples)
-        assert model.weights.channels == channels  # type: ignore[attr-defined]
-
-
-def test_an_evaluation_takes_it_too(folder: Path) -> None:
-    assert folder.is_dir()
-    (family,), missing = models.models_under_test(
-        ("net",), None, models.RuntimeOptions(1, "reference")
-    )
-    assert not missing
-    for spp, channels in ((1, 2), (64, 4), (0, 4)):
-        chosen = family.at(spp)
-        assert chosen.name == "net"
-        model = chosen.make(models.sensor_of(1))
         assert model.weights.channels == channels  # type: ignore[attr-defined]

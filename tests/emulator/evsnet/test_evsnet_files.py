@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evs.emulator.evsnet import Block, Convolution, NetworkWeights
+from evs.emulator.evsnet.export import export
 from evs.emulator.evsnet.network_files import read_network
 from evs.emulator.evsnet.state import identity
-from evs.tools.training.export import export
 
 pytestmark = pytest.mark.property
 

@@ -206,7 +206,7 @@ def test_numbers_without_sense_are_refused(
 
 
 def test_a_file_with_our_names_is_ours(tmp_path: Path) -> None:
-    from evs.tools.training.export import export
+    from evs.emulator.evsnet.export import export
 
     path, _ = export(OURS, tmp_path / "ours.onnx", {"seed": 1})
     found = read_network(path)

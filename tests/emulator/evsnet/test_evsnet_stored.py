@@ -12,6 +12,7 @@ import onnx.numpy_helper
 import pytest
 
 from evs.emulator.evsnet import NetworkWeights, network_files
+from evs.emulator.evsnet.export import export
 from evs.emulator.evsnet.network_files import (
     load_network,
     network_names,
@@ -21,7 +22,6 @@ from evs.emulator.evsnet.network_files import (
 from evs.emulator.evsnet.onnx_graph import initialisers
 from evs.emulator.evsnet.state import identity
 from evs.msgs import EvsError
-from evs.tools.training.export import export
 from reference.networks import random_network
 
 SIDECAR = """name = "mine"

@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evs.emulator.evsnet import onnx_graph
+from evs.emulator.evsnet.export import sidecar
 from evs.emulator.evsnet.network_files import read_network
 from evs.emulator.evsnet.onnx_graph import initialisers, streaming_graph
 from evs.msgs import EvsError
-from evs.tools.training.export import sidecar
 from reference.networks import random_network
 
 pytestmark = pytest.mark.property

@@ -10,8 +10,8 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from evs.emulator.evsnet import NetworkWeights
+from evs.emulator.evsnet.export import sidecar
 from evs.emulator.evsnet.onnx_graph import streaming_graph
-from evs.tools.training.export import sidecar
 
 Shape = Sequence[int | str]
 

@@ -11,12 +11,12 @@ import pytest
 from onnx import helper, numpy_helper
 
 from evs.emulator.evsnet import NetworkWeights
+from evs.emulator.evsnet.export import export
 from evs.emulator.evsnet.onnx_graph import streaming_graph
 from evs.msgs import EvsError
 from evs.tools.doctor.check import BAD, NOTE, OK
 from evs.tools.evaluation import network_check as check_module
 from evs.tools.evaluation.network_check import NetworkReport, check_network
-from evs.tools.training.export import export
 from reference.graphs import Shape, graph, moving_mean, write
 from reference.networks import random_network, through_network
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from evs.emulator.evsnet import network_files
+from evs.emulator.evsnet.export import export
 from evs.emulator.evsnet.model import EvsNetModel
 from evs.msgs import Events, join_events, make_events
 from evs.tools.evaluation import models
@@ -264,3 +267,19 @@ def test_before_a_take_its_first_instant_stood_still() -> None:
     longer = make_clip(scene_setup("procedural/0"), "pan", 6, sampled=8, patch_px=8, size=(32, 24),
                   look_ticks=4)  # fmt: skip
     assert longer.before(3).fingerprint(3) == before.fingerprint(3)
+
+
+def test_a_family_is_measured_by_the_member_for_the_light(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(network_files, "_NETWORKS", tmp_path)
+    for name, channels in (("net_1spp", 2), ("net_16spp", 4)):
+        export(random_network(1, channels), tmp_path / f"{name}.onnx")
+    options = models.RuntimeOptions(1, "reference")
+    (family,), missing = models.models_under_test(("net",), None, options)
+    assert not missing
+    for spp, channels in ((1, 2), (64, 4), (0, 4)):
+        chosen = family.at(spp)
+        assert chosen.name == "net"
+        model = chosen.make(models.sensor_of(1))
+        assert model.weights.channels == channels  # type: ignore[attr-defined]
