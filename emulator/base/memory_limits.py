@@ -1,11 +1,11 @@
-"""How much memory this process may have: the machine's, or less where somebody set a limit."""
+"""How much memory this process may have: the machine's, or less where there is a limit."""
 
 from __future__ import annotations
 
 import os
 import resource
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 MEMORY_FILE = Path("/proc/meminfo")
@@ -44,6 +44,21 @@ def address_space_left() -> int | None:
     """How many more bytes this process may map (ulimit -v); None without a limit."""
     space = _address_space()
     return None if space is None else space[0] - space[1]
+
+
+@contextmanager
+def address_space(more_bytes: int) -> Iterator[None]:
+    """Limit this process to its present memory and `more_bytes` for the block, as ulimit -v."""
+    pages = int(SIZE_FILE.read_text().split()[0])
+    before, most = resource.getrlimit(resource.RLIMIT_AS)
+    limit = pages * resource.getpagesize() + more_bytes
+    if before != resource.RLIM_INFINITY:
+        limit = min(limit, before)
+    resource.setrlimit(resource.RLIMIT_AS, (limit, most))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (before, most))
 
 
 def _address_space() -> tuple[int, int] | None:

@@ -18,7 +18,7 @@ TIMEOUT_S = 120.0
 
 _CODE = """
 import resource, sys
-from evs.tools.stress.memory import address_space
+from evs.emulator.base.memory_limits import address_space
 from evs.launch.main import main
 import evs.launch.commands.emulate
 memory, file = int(sys.argv[1]), int(sys.argv[2])

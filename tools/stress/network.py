@@ -12,13 +12,13 @@ import numpy as np
 from evs.emulator import World
 from evs.emulator.base.scene import F32, F64
 from evs.emulator.evsnet.bilif import MAX_POTENTIAL
+from evs.emulator.evsnet.export import export
 from evs.emulator.evsnet.weights import Block, Convolution, NetworkWeights
 from evs.emulator.state import pack, unpack
 from evs.msgs import EvsError
 from evs.tools.stress.capture import Act
 from evs.tools.stress.step_target import OPEN, SHUT, StepCapture, capture_step
 from evs.tools.stress.stress_case import Measurement, StressCase
-from evs.tools.training.export import export
 
 STEP = math.log(255.0)
 """log contrast of the step target, white to black"""

@@ -9,10 +9,10 @@ from functools import partial
 
 import numpy as np
 
+from evs.emulator.base.memory_limits import address_space
 from evs.emulator.evsnet.network_files import load_network
 from evs.emulator.evsnet.weights import NetworkWeights
 from evs.msgs import Events, EvsError
-from evs.tools.stress.memory import address_space
 from evs.tools.stress.step_target import (
     OPEN,
     SHUT,

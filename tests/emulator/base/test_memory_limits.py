@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from evs.emulator.base import memory_limits
+from evs.emulator.base.memory_limits import address_space
 from evs.emulator.evsnet.state import check_growth
 from evs.launch import main
 from evs.msgs import EvsError
-from evs.tools.stress.memory import address_space
 
 
 @pytest.fixture
@@ -116,7 +116,7 @@ def test_enough_to_load_says_nothing(
 
 def test_threads_that_the_system_refuses_are_a_lack_of_memory() -> None:
     program = (
-        "from evs.tools.stress.memory import address_space\n"
+        "from evs.emulator.base.memory_limits import address_space\n"
         "import numpy as np\n"
         "from evs.emulator._core import PixelArray, PixelSettings\n"
         "settings = PixelSettings(log='linlog', exposure_dn=1.0, dark_dn=0.0,"

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import evs
+from evs.emulator.base.memory_limits import address_space
 from evs.emulator.world import bind_camera, extract_scene, load_model, load_spec
 from evs.emulator.world.model import new_data
 from evs.msgs import EvsError
-from evs.tools.stress.memory import address_space
 
 XML = "<mujoco><worldbody><geom name='ball' size='.1'/></worldbody></mujoco>"
 
