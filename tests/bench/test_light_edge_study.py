@@ -18,7 +18,8 @@ import pytest
 from evs.emulator.config import RenderConfig
 from evs.emulator.render import make_renderer
 from evs.msgs import Events
-from reference.film import VIEWS, Film, model_of
+from reference.film import VIEWS, model_of
+from reference.judged_film import JudgedFilm
 
 WIDTH, HEIGHT, TICKS, SETTLED_US = 112, 84, 61, 20_000
 PENCIL = Path(__file__).parents[2] / "config/scenes/pencil.xml"
@@ -38,7 +39,7 @@ LATE_US = 1500
 """of a cycle of four ticks"""
 
 
-def shoot(film: Film, seed: int, **render: object) -> np.ndarray:
+def shoot(film: JudgedFilm, seed: int, **render: object) -> np.ndarray:
     config = RenderConfig(**{"renderer": "path", "sky": "light", **render})  # type: ignore[arg-type]
     return film.light_by(make_renderer(film.scene, film.camera, config, 2, seed=seed))[0]
 
@@ -76,7 +77,7 @@ def test_more_samples_at_edges(
 ) -> None:
     pencil = name == "pencil"
     model = mujoco.MjModel.from_xml_path(str(PENCIL)) if pencil else model_of(name, robot_files)
-    film = Film(model, motion, WIDTH, HEIGHT, TICKS, VIEWS.get(name))
+    film = JudgedFilm(model, motion, WIDTH, HEIGHT, TICKS, VIEWS.get(name))
     halves = [shoot(film, seed, spp=256) for seed in (1, 2)]
     truth = film.events_of((halves[0] + halves[1]) / 2)
 

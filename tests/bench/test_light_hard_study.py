@@ -18,7 +18,8 @@ from evs.emulator.config import RenderConfig
 from evs.emulator.render import DirectRenderer, make_renderer
 from evs.msgs import Events
 from evs.tools.metrics.compare import Comparison
-from reference.film import VIEWS, Film
+from reference.film import VIEWS
+from reference.judged_film import JudgedFilm
 
 WIDTH, HEIGHT, TICKS = 116, 87, 61
 SCENES = ["gymnasium/humanoid", "dm_control/humanoid", "dm_control/cartpole"]
@@ -45,7 +46,7 @@ def line(c: Comparison) -> str:
 @pytest.mark.parametrize("name", SCENES)
 def test_events_of_hard_light(name: str, motion: str, robot_files: dict[str, Path]) -> None:
     model = mujoco.MjModel.from_xml_path(str(robot_files[name]))
-    film = Film(model, motion, WIDTH, HEIGHT, TICKS, VIEWS[name])
+    film = JudgedFilm(model, motion, WIDTH, HEIGHT, TICKS, VIEWS[name])
 
     def shoot(config: RenderConfig) -> tuple[Events, float]:
         return film.events_by(DirectRenderer(film.scene, film.camera, config, 1))
@@ -88,7 +89,7 @@ def test_places_in_a_pixel_must_not_change(
     model.light_bulbradius[:] = 0
     model.light_ambient[:] = 0
     model.vis.headlight.ambient[:] = 0
-    film = Film(model, motion, WIDTH, HEIGHT, TICKS, VIEWS[name])
+    film = JudgedFilm(model, motion, WIDTH, HEIGHT, TICKS, VIEWS[name])
 
     def shoot(spp: int, seeds: str) -> Events:
         config = RenderConfig(renderer="path", bounces=0, spp=spp, seeds=seeds)

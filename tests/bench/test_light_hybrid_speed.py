@@ -15,7 +15,8 @@ from evs.drivers.pictures import write_png
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import make_renderer
 from evs.msgs import Events
-from reference.film import VIEWS, Film, model_of
+from reference.film import VIEWS, model_of
+from reference.judged_film import JudgedFilm
 from speed.many import many_geoms
 from speed.turns import Table, milliseconds, target
 from speed.view import FRAME, HEIGHT, WIDE, WIDTH, View, robot, view_of
@@ -91,7 +92,7 @@ def test_filling_the_cache(robot_files: dict[str, Path]) -> None:
         print(f"{name}: {nodes} nodes, {size:.1f} MB, filled in {np.median(fills):.0f} ms")
 
 
-def print_ticks(name: str, film: Film, renders: dict[str, RenderConfig]) -> None:
+def print_ticks(name: str, film: JudgedFilm, renders: dict[str, RenderConfig]) -> None:
     """Print the median ms a tick of a film, on two threads."""
     for label, render in renders.items():
         medians = []
@@ -119,7 +120,7 @@ def test_ticks_of_a_film(motion: str, robot_files: dict[str, Path]) -> None:
     }
     for name in ROBOTS:
         model = model_of(name, robot_files, soft=False)
-        film = Film(model, motion, WIDTH, HEIGHT, TICKS, VIEWS.get(name))
+        film = JudgedFilm(model, motion, WIDTH, HEIGHT, TICKS, VIEWS.get(name))
         print_ticks(f"{name}, {motion} camera", film, renders)
 
 
@@ -137,7 +138,7 @@ def test_ticks_of_a_kitchen(motion: str) -> None:
         "hybrid": RenderConfig(renderer="hybrid", spp=1),
         "path, 4 samples": RenderConfig(renderer="path", spp=4),
     }
-    film = Film(model, motion, WIDTH, HEIGHT, TICKS, view)
+    film = JudgedFilm(model, motion, WIDTH, HEIGHT, TICKS, view)
     print_ticks(f"kitchen, {motion} camera", film, renders)
 
 
@@ -151,9 +152,9 @@ def test_events(motion: str, robot_files: dict[str, Path]) -> None:
     inside = CameraConfig(lookat=(0, 0.3, 0.9), distance=2.2, azimuth=90, elevation=-3)
     near = VIEWS["gymnasium/humanoid"]
     for name, model, view in (("room", room, inside), ("matt humanoid", robot, near)):
-        film = Film(model, motion, 56, 42, 61, view)
+        film = JudgedFilm(model, motion, 56, 42, 61, view)
 
-        def events(seed: int = 1, film: Film = film, **render: object) -> Events:
+        def events(seed: int = 1, film: JudgedFilm = film, **render: object) -> Events:
             config = RenderConfig(**render)  # type: ignore[arg-type]
             made = make_renderer(film.scene, film.camera, config, 2, seed=seed)
             return film.events_by(made)[0]

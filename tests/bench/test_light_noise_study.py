@@ -21,7 +21,8 @@ from evs.emulator.config import RenderConfig
 from evs.emulator.render import make_renderer
 from evs.emulator.sensor.running_mean import running_mean
 from evs.tools.metrics.compare import Comparison
-from reference.film import VIEWS, Film, model_of
+from reference.film import VIEWS, model_of
+from reference.judged_film import JudgedFilm
 
 WIDTH, HEIGHT, TICKS, SETTLED_US = 56, 42, 61, 20_000
 SCENES = ["room", "gymnasium/humanoid", "dm_control/humanoid", "dm_control/cartpole"]
@@ -63,7 +64,7 @@ def score(*of_seeds: Comparison) -> Score:
     return Score(*(float(mean) for mean in np.mean(rows, axis=0)))
 
 
-def film_of(name: str, motion: str, files: dict[str, Path], soft: bool = True) -> Film:
+def film_of(name: str, motion: str, files: dict[str, Path], soft: bool = True) -> JudgedFilm:
     """Return the film of a scene.
 
     Args:
@@ -72,16 +73,16 @@ def film_of(name: str, motion: str, files: dict[str, Path], soft: bool = True) -
         files: Name of each robot -> its MJCF file.
         soft: Whether the robots' lamps become bulbs.
     """
-    return Film(model_of(name, files, soft), motion, WIDTH, HEIGHT, TICKS, VIEWS.get(name))
+    return JudgedFilm(model_of(name, files, soft), motion, WIDTH, HEIGHT, TICKS, VIEWS.get(name))
 
 
-def shoot(film: Film, seed: int, **render: object) -> F32:
+def shoot(film: JudgedFilm, seed: int, **render: object) -> F32:
     """Render the film with `path`: luminance, (ticks, h, w) float32."""
     config = RenderConfig(**{"renderer": "path", "sky": "light", **render})  # type: ignore[arg-type]
     return film.light_by(make_renderer(film.scene, film.camera, config, 2, seed=seed))[0]
 
 
-def lights(film: Film, spp: int, seed: int) -> dict[str, F32]:
+def lights(film: JudgedFilm, spp: int, seed: int) -> dict[str, F32]:
     """Return the light of every strategy at `spp` samples per pixel."""
     found = {
         name: shoot(film, seed, spp=spp, seeds=seeds, sampler=sampler)

@@ -17,7 +17,8 @@ from evs.emulator.config import RenderConfig
 from evs.emulator.render import DirectRenderer
 from evs.msgs import Events
 from evs.tools.metrics.compare import Comparison
-from reference.film import VIEWS, Film
+from reference.film import VIEWS
+from reference.judged_film import JudgedFilm
 
 WIDTH, HEIGHT, TICKS = 116, 87, 61
 OFF = Switches(off=frozenset({"texture_filter"}))
@@ -29,7 +30,7 @@ WAYS = {"fixed 1": RenderConfig(spp=1), "fixed 4": RenderConfig(spp=4)}
 @pytest.mark.parametrize("name", ["gymnasium/humanoid", "dm_control/humanoid"])
 def test_events_of_an_orbit(name: str, robot_files: dict[str, Path]) -> None:
     model = mujoco.MjModel.from_xml_path(str(robot_files[name]))
-    film = Film(model, "orbit", WIDTH, HEIGHT, TICKS, VIEWS[name])
+    film = JudgedFilm(model, "orbit", WIDTH, HEIGHT, TICKS, VIEWS[name])
 
     def shoot(config: RenderConfig, switches: Switches) -> Events:
         renderer = DirectRenderer(film.scene, film.camera, config, 1, switches=switches)

@@ -30,7 +30,8 @@ from evs.emulator.render import make_renderer
 from evs.emulator.sensor.running_mean import RunningMeanConstants, running_mean
 from evs.msgs import Events
 from evs.tools.metrics.compare import Comparison
-from reference.film import VIEWS, Film, model_of
+from reference.film import VIEWS, model_of
+from reference.judged_film import JudgedFilm
 
 WIDTH, HEIGHT, TICKS, SETTLED_US = 40, 30, 201, 80_000
 MOTIONS = ["still", "pan", "slide"]
@@ -50,7 +51,7 @@ class Clip:
     name: str
     motion: str
     spp: int
-    film: Film
+    film: JudgedFilm
     truth: Events
     light: F32
     """(ticks, h, w), new noise in every tick"""
@@ -59,7 +60,7 @@ class Clip:
         return self.film.compare(self.film.events_of(light), self.truth, SETTLED_US)
 
 
-def shoot(film: Film, spp: int, seed: int, seeds: str = "fresh") -> F32:
+def shoot(film: JudgedFilm, spp: int, seed: int, seeds: str = "fresh") -> F32:
     """(ticks, h, w) light of `path`."""
     config = RenderConfig(renderer="path", spp=spp, seeds=seeds, sky="light")
     return film.light_by(make_renderer(film.scene, film.camera, config, 2, seed=seed))[0]
@@ -69,7 +70,7 @@ def takes(names: list[str], seeds: tuple[int, ...], files: dict[str, Path]) -> l
     found = []
     for name in names:
         for motion in MOTIONS:
-            film = Film(model_of(name, files), motion, WIDTH, HEIGHT, TICKS, VIEWS.get(name))
+            film = JudgedFilm(model_of(name, files), motion, WIDTH, HEIGHT, TICKS, VIEWS.get(name))
             truth = film.events_of(shoot(film, TRUE_SPP, TRUE_SEED, "fixed"))
             for spp in SPPS:
                 for seed in seeds:

@@ -10,28 +10,9 @@ from pathlib import Path
 import pytest
 
 from evs.launch.main import COMMANDS, main
+from reference.shell import offered
 
 Capture = pytest.CaptureFixture[str]
-
-
-def offered(line: str, folder: Path) -> list[str]:
-    """The completions of a command line with the cursor at its end."""
-    answer = folder / "answer"
-    environment = {
-        **os.environ,
-        "_ARGCOMPLETE": "1",
-        "_ARGCOMPLETE_STDOUT_FILENAME": str(answer),
-        "_ARGCOMPLETE_IFS": "\n",
-        "COMP_LINE": line,
-        "COMP_POINT": str(len(line)),
-        "COMP_TYPE": "9",
-    }
-    command = [sys.executable, "-m", "evs.launch.main"]
-    done = subprocess.run(
-        command, env=environment, cwd=folder, capture_output=True, check=False, timeout=60
-    )
-    assert done.returncode == 0, done.stderr
-    return answer.read_text().split("\n")
 
 
 def test_commands_options_choices_and_files(tmp_path: Path) -> None:
@@ -42,7 +23,6 @@ def test_commands_options_choices_and_files(tmp_path: Path) -> None:
     assert "--camera " in offered("evs view --ca", tmp_path)
     assert offered("evs completion f", tmp_path) == ["fish "]
     assert offered("evs info ru", tmp_path) == ["run.aedat4 "]
-    assert offered("evs train f", tmp_path) == ["fit "]
     assert offered("evs nonsense x", tmp_path) == [""]
 
 

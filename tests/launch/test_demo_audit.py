@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from evs.drivers.pictures import LightLog
+from evs.drivers.run.config import load
 from evs.drivers.run.report import Report
 from evs.emulator import World
 from evs.launch.commands import demo
@@ -18,7 +19,6 @@ from evs.launch.main import main
 from evs.launch.support import reinvoke
 from evs.msgs.pictures import to_srgb8
 from evs.tools.doctor.audit import audit, audited
-from evs.tools.sweep.points import preset_of
 
 GOOD = Report(
     packets=20,
@@ -190,7 +190,7 @@ def test_fast_gives_way_to_what_is_said() -> None:
 def test_the_demo_has_the_light_and_pixels_of_balanced() -> None:
     given = argparse.Namespace(words=[], duration=None, fast=False)
     config = demo._config(given, Path("events.aedat4"))
-    balanced = preset_of("balanced")
+    balanced = load("balanced", [("scene.file", "robot.xml")])
     assert (config.render, config.model) == (balanced.render, balanced.model)
     assert (config.render.renderer, config.render.samples) == ("hybrid", 4)
 

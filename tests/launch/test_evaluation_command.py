@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import evs
 from evs.emulator.evsnet.export import export
 from evs.launch.main import main
 from evs.msgs import EvsError
@@ -337,3 +339,14 @@ def test_a_network_that_is_not_sound_is_told_and_judged_all_the_same(
     assert said.out == ""
     assert said.err.count("\n") == 1
     assert "threshold is -0.2" in said.err
+
+
+def test_a_network_is_not_judged_without_onnxruntime(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    network = Path(evs.__file__).parent / "config/networks/paper.onnx"
+    assert main(["evaluate", str(network), "--models", "plain", "--quick"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "pip install onnxruntime" in line
+    assert "model.runtime=native" in line

@@ -14,6 +14,7 @@ from evs.launch.main import main
 from evs.msgs import EvsError
 from evs.tools.training.recipes import RECIPES
 from reference.shards import synthetic_data
+from reference.shell import offered
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +71,10 @@ def test_help_and_the_list_of_commands_need_no_jax() -> None:
         "assert not {'jax', 'optax', 'onnx', 'onnxruntime'} & set(sys.modules)\n"
     )
     subprocess.run([sys.executable, "-c", program], check=True, capture_output=True)
+
+
+def test_its_commands_are_completed(tmp_path: Path) -> None:
+    assert offered("evs train f", tmp_path) == ["fit "]
 
 
 def test_a_missing_library_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,6 @@ from evs.launch.main import main
 
 SCENE = str(Path(__file__).parents[2] / "config/scenes/pendulum.xml")
 NETWORK = ["--model", "evsnet", "sensor.width=32", "sensor.height=24"]
-NETWORK_FILE = SCENE.replace("scenes/pendulum.xml", "networks/paper.onnx")
 RUN = ["emulate", SCENE, "--duration", "0.01", "--quiet", *NETWORK]
 
 
@@ -34,7 +33,6 @@ def test_the_native_runtime_needs_none(
     [
         [*RUN, "model.runtime=onnxruntime"],
         ["plan", SCENE, *NETWORK, "model.runtime=onnxruntime"],
-        ["evaluate", NETWORK_FILE, "--models", "plain", "--quick"],
     ],
 )
 def test_asked_for_it_is_one_line_with_the_fix(

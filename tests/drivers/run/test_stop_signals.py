@@ -9,9 +9,6 @@ import pytest
 
 from evs.drivers.clock import sleep_s
 from evs.drivers.run.stop_signals import ending_signals, stop_signals
-from evs.launch.commands import doctor
-from evs.launch.main import main
-from evs.tools.stress import Measurement, StressCase, stress_case
 
 
 @pytest.mark.parametrize(
@@ -73,23 +70,3 @@ def test_a_library_that_catches_the_signal_does_not_keep_the_command_alive() -> 
 
     with pytest.raises(KeyboardInterrupt):
         command()
-
-
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_doctor_ends_in_the_middle_of_its_cases(
-    number: int, code: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def runs() -> Measurement:
-        with stop_signals() as stopped:
-            signal.raise_signal(number)
-            assert stopped
-        raise AssertionError("the case went on")
-
-    case = StressCase("endless", "light", "", "", lambda short: runs())
-    monkeypatch.setattr(stress_case, "cases_of", lambda group: (case,))
-    monkeypatch.setattr(doctor, "examine", lambda: iter(()))
-    try:
-        found = main(["doctor"])
-    except SystemExit as ended:
-        found = ended.code
-    assert found == code

@@ -18,8 +18,6 @@ from evs.emulator.config import CameraConfig
 from evs.emulator.sensor import PlainModel, SensorParameters
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import Events, join_events
-from evs.tools.metrics import compare
-from evs.tools.metrics.compare import Comparison
 
 TICK_US = 1000
 VIEWS = {
@@ -154,8 +152,3 @@ class Film:
             found, state = model.step(frame, state, snapshot.t_us - TICK_US, snapshot.t_us)
             parts.append(found)
         return join_events(parts)
-
-    def compare(self, events: Events, truth: Events, begin_us: int = 0) -> Comparison:
-        """Compare two event streams of this film from `begin_us` on."""
-        end_us = TICK_US * (self.ticks - 1)
-        return compare(events, truth, self.width, self.height, begin_us, end_us)

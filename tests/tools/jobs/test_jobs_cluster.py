@@ -16,7 +16,6 @@ from typing import Any
 import pytest
 
 import evs
-from evs.launch.main import main
 from evs.tools.jobs import run_jobs
 from links.nodes import Nodes, nodes
 from reference.worlds_alone import SWING
@@ -30,7 +29,6 @@ import json, pickle, sys
 from pathlib import Path
 from evs.drivers.run.stop_signals import stop_signals
 from evs.tools.jobs import run_jobs
-from evs.launch.main import main
 from evs.msgs import EvsError
 
 todo, threads = pickle.loads(bytes.fromhex(sys.argv[3]))
@@ -185,28 +183,6 @@ def test_a_stop_brings_home_what_runs(cluster: Nodes, tmp_path: Path) -> None:
     assert lost == []
     assert [path.name for path in (tmp_path / "far").iterdir()] == ["noise"]
     assert len(digests(tmp_path / "far")) == 3 * made
-
-
-def evs_command(cluster: Nodes, *words: str | Path) -> subprocess.Popen[str]:
-    """`evs ...` on the cluster."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "evs.launch.main", *words, "--ray", cluster.address],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=cluster.environment(),
-    )
-
-
-def test_training_data_is_the_same_on_a_cluster(cluster: Nodes, tmp_path: Path) -> None:
-    words = ["--scenes", "3", "--pixels", "8", "--ticks", "12", "--truth-spp", "16"]
-    far, here = tmp_path / "far", tmp_path / "here"
-    assert said(evs_command(cluster, "train", "data", far, *words)) == [
-        f"{far}: 3 scenes made, 0 were there"
-    ]
-    assert main(["train", "data", str(here), "--quiet", *words]) == 0
-    assert digests(far) == digests(here)
-    assert len(digests(far)) == 4
 
 
 def simulated(cluster: Nodes, *words: str | Path, source: str = SIMULATE) -> list[str]:

@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import json
 import math
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from evs.drivers.run.stop_signals import stop_signals
 from evs.launch.commands import doctor
 from evs.launch.main import main
 from evs.msgs import EvsError
 from evs.tools import stress
 from evs.tools.doctor import trial
-from evs.tools.stress import GROUPS, CaseResult, Measurement, StressCase, cases_of
+from evs.tools.stress import (
+    GROUPS,
+    CaseResult,
+    Measurement,
+    StressCase,
+    cases_of,
+    stress_case,
+)
 from evs.tools.stress.report import BEGIN, END, measured, rows_of, write_table
 
 PAGE = Path(__file__).parents[3] / "docs/reference/extremes.md"
@@ -151,3 +160,23 @@ def test_a_number_is_told_as_people_write_it() -> None:
     assert measured(tried(Measurement(0.0, 0, "events"))) == "0 events, at most 0"
     assert measured(tried(Measurement(1e-9, 0.5))) == "1e-09, at most 0.5"
     assert measured(tried(Measurement(math.inf, 1))) == "inf, at most 1"
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_doctor_ends_in_the_middle_of_its_cases(
+    number: int, code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def runs() -> Measurement:
+        with stop_signals() as stopped:
+            signal.raise_signal(number)
+            assert stopped
+        raise AssertionError("the case went on")
+
+    case = StressCase("endless", "light", "", "", lambda short: runs())
+    monkeypatch.setattr(stress_case, "cases_of", lambda group: (case,))
+    monkeypatch.setattr(doctor, "examine", lambda: iter(()))
+    try:
+        found = main(["doctor"])
+    except SystemExit as ended:
+        found = ended.code
+    assert found == code

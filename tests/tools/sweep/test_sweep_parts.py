@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from evs.tools.sweep.points import SweepPoint, configured, differences, preset_o
 from evs.tools.sweep.record import CAMERAS, Accuracy, ConfidenceInterval, Speed, SweepRecord
 from evs.tools.sweep.speed import STUDENT, SpeedSettings, confidence_interval, order
 from evs.tools.sweep.store import SweepHeader, SweepStore, read_sweep
+from reference.alarm import not_waited_for
 from reference.judged import light_of_steps
 
 PRESETS = tuple(axes.DEFAULT)
@@ -415,3 +417,9 @@ def test_motions_are_those_of_the_evaluation() -> None:
     from evs.tools.evaluation.clip import MOTIONS
 
     assert CAMERAS == MOTIONS
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.jsonl")
+    with not_waited_for(), pytest.raises(EvsError, match="pipe or a device"):
+        read_sweep(tmp_path / "a.jsonl")

@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from evs.msgs import EvsError
-from evs.tools.training.settings import DataSettings, Variant, claim_folder, read_settings
+from evs.tools.training.settings import (
+    SETTINGS_FILE,
+    DataSettings,
+    Variant,
+    claim_folder,
+    read_settings,
+)
 from evs.tools.training.shards import ARRAYS, Shards, read_meta, read_shard, write_shard
+from reference.alarm import not_waited_for
 from reference.shards import synthetic_data, synthetic_shard
 
 
@@ -150,3 +159,16 @@ def test_a_folder_keeps_its_settings(tmp_path: Path) -> None:
 def test_settings_without_sense_are_refused(values, says: str) -> None:
     with pytest.raises(EvsError, match=says):
         DataSettings(**values)
+
+
+def test_pipes_are_not_waited_for(tmp_path: Path) -> None:
+    for name in (SETTINGS_FILE, "00000.npz"):
+        os.mkfifo(tmp_path / name)
+    readers: list[Callable[[], object]] = [
+        lambda: read_settings(tmp_path),
+        lambda: claim_folder(tmp_path, DataSettings()),
+        lambda: read_shard(tmp_path / "00000.npz"),
+    ]
+    for read in readers:
+        with not_waited_for(), pytest.raises(EvsError, match=r"pipe or a device|cannot read"):
+            read()
