@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 
 from evs import __version__
 from evs.emulator.base.memory_limits import address_space_left
+from evs.launch.support import plugins
 from evs.msgs import EvsError, nearest_first, unknown
 
 GROUPS = {
@@ -84,6 +85,9 @@ launch/support."""
 
 COMMANDS = {name: what for group in GROUPS.values() for name, what in group.items()}
 
+LAB = ("evaluate", "sweep", "train", "tune")
+"""Commands of evs-lab, a distribution of its own."""
+
 ABOUT = """evs: an event camera for MuJoCo scenes.
 
 It takes the place of a real DVS, DAVIS or EVK camera: the same topics, files and parameters,
@@ -148,7 +152,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if "_ARGCOMPLETE" in os.environ and arguments is None:
             from evs.launch.support.completion import complete
 
-            complete(COMMANDS, lambda name: _parser(name, module_of(name)))
+            complete(commands(), lambda name: parser_of(name, module_of(name)))
         if sys.stdout is None:
             raise EvsError("standard output is closed (>&-): give it a place, as in >/dev/null")
         if isinstance(sys.stdout, io.TextIOWrapper):
@@ -220,13 +224,15 @@ def _dispatch(words: list[str]) -> int:
         print("evs", __version__)
         return 0
     name = words[0]
-    if name not in COMMANDS:
+    if name not in COMMANDS and name not in (known := commands()):
+        if name in LAB:
+            raise plugins.not_installed(f"evs {name}")
         kind = "option" if name.startswith("-") else "command"
-        raise EvsError(f"{unknown(kind, name, COMMANDS)} (try: evs --help)")
+        raise EvsError(f"{unknown(kind, name, known)} (try: evs --help)")
     _check_room()
     _check_folder()
     module = module_of(name)
-    parser = _parser(name, module)
+    parser = parser_of(name, module)
     # argparse cannot mix options with the arguments of commands that have commands of their own
     mixed = not getattr(module, "SUBCOMMANDS", False)
     parsed = (parser.parse_intermixed_args if mixed else parser.parse_args)(words[1:])
@@ -234,9 +240,17 @@ def _dispatch(words: list[str]) -> int:
     return 0 if code is None else int(code)
 
 
+def commands() -> dict[str, str]:
+    """Name -> what it does, of the commands of evs and of the distributions that add some."""
+    added = {name: command.what for name, command in plugins.plugin_commands().items()}
+    return {**added, **COMMANDS}
+
+
 def module_of(name: str) -> ModuleType:
     """The module of a command."""
-    return importlib.import_module(f"evs.launch.commands.{name}")
+    if name in COMMANDS:
+        return importlib.import_module(f"evs.launch.commands.{name}")
+    return importlib.import_module(plugins.plugin_commands()[name].module)
 
 
 def _check_room() -> None:
@@ -257,10 +271,11 @@ def _check_folder() -> None:
         ) from None
 
 
-def _parser(name: str, module: ModuleType) -> Parser:
+def parser_of(name: str, module: ModuleType) -> Parser:
+    """The parser of a command and its module."""
     parser = Parser(
         prog=f"evs {name}",
-        description=COMMANDS[name],
+        description=COMMANDS[name] if name in COMMANDS else commands()[name],
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
@@ -270,7 +285,10 @@ def _parser(name: str, module: ModuleType) -> Parser:
 
 def _help() -> str:
     lines = [ABOUT, "", "Usage: evs COMMAND [arguments]"]
-    for heading, group in GROUPS.items():
+    groups = {heading: dict(group) for heading, group in GROUPS.items()}
+    for name, command in plugins.plugin_commands().items():
+        groups.setdefault(command.heading, {}).setdefault(name, command.what)
+    for heading, group in groups.items():
         lines += ["", f"{heading}:", *(f"  {name:14s}{what}" for name, what in group.items())]
     return "\n".join([*lines, "", EXAMPLES])
 

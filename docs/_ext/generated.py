@@ -31,7 +31,7 @@ def escaped(text: str) -> str:
 def parsers() -> Iterator[tuple[str, argparse.ArgumentParser]]:
     """(words, parser) of every command, in the order of `evs --help`; subcommands behind theirs."""
     for name in main.COMMANDS:
-        parser = main._parser(name, main.module_of(name))
+        parser = main.parser_of(name, main.module_of(name))
         yield f"evs {name}", parser
         for action in parser._actions:
             if isinstance(action, argparse._SubParsersAction):

@@ -1,20 +1,20 @@
-"""`evs doctor`: check this machine, run the stress cases, and say how to fix what fails."""
+"""`evs doctor`: check this machine, run the stress cases of evs-lab, and say how to fix faults."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
 import json
-import math
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from evs.launch.support import plugins
 
 if TYPE_CHECKING:
     from evs.drivers.run.stop_signals import Ending
     from evs.tools.doctor import Check
-    from evs.tools.stress import CaseResult
 
 MARKS = {"ok": "ok  ", "note": "note", "bad": "BAD "}
 """verdict -> prefix of its line"""
@@ -32,12 +32,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.epilog = "Exit code 0: evs works here, 1: it does not. No data leaves this machine."
     parser.add_argument("--json", action="store_true", help="print one JSON object instead")
     parser.add_argument(
-        "--quick", action="store_true", help="skip the stress cases, which take most of a minute"
+        "--quick",
+        action="store_true",
+        help="skip the stress cases of evs-lab, which take most of a minute",
     )
     parser.add_argument(
         "--markdown",
         metavar="FILE",
-        help="only run the stress cases, at full length (some minutes), and write a table to FILE",
+        help="only run the stress cases of evs-lab, at full length (some minutes), and write a "
+        "table to FILE",
     )
 
 
@@ -46,7 +49,12 @@ def run(args: argparse.Namespace) -> int:
     from evs.drivers.run.stop_signals import ending_signals
 
     with ending_signals() as ending:
-        return _write(args.markdown) if args.markdown else _check(args, ending)
+        if not args.markdown:
+            return _check(args, ending)
+        cases = plugins.stress_cases()
+        if cases is None:
+            raise plugins.not_installed("the table of stress cases")
+        return int(cases.write(args.markdown))
 
 
 def _check(args: argparse.Namespace, ending: Ending) -> int:
@@ -59,60 +67,16 @@ def _check(args: argparse.Namespace, ending: Ending) -> int:
             print(_line(check), flush=True)
     fit = all(check.verdict != "bad" for check in checks)
     # stress cases only if everything else works
-    results = _stress_cases(short=True, loud=not args.json) if fit and not args.quick else []
-    holds = all(one.holds for one in results)
+    cases = plugins.stress_cases() if fit and not args.quick else None
+    results = [] if cases is None else cases.run_cases(show=not args.json)
+    holds = all(one["holds"] for one in results)
     if args.json:
         plain = [dataclasses.asdict(check) for check in checks]
-        report = {"fit": fit, "checks": plain, "extremes": [_plain(one) for one in results]}
+        report = {"fit": fit, "checks": plain, "extremes": results}
         print(json.dumps(report, indent=2))
     else:
         print(FIT if fit and holds else BROKEN if fit else UNFIT)
     return 0 if fit and holds else 1
-
-
-def _write(file: str) -> int:
-    from evs.drivers.run.report import check_targets
-    from evs.tools.stress.report import write_table
-
-    check_targets([file])
-    results = _stress_cases(short=False, loud=True)
-    write_table(file, results)
-    holding = sum(one.holds for one in results)
-    print(f"{holding} of {len(results)} extremes keep their bounds; the table is in {file}")
-    return 0 if holding == len(results) else 1
-
-
-def _stress_cases(short: bool, loud: bool) -> list[CaseResult]:
-    """Run all stress cases; with `loud` print a line for each at once."""
-    from evs.tools.stress import run_cases
-    from evs.tools.stress.report import measured
-
-    def show(result: CaseResult) -> None:
-        mark = "ok  " if result.holds else "FAIL"
-        print(f"{mark} {result.case.name:24s} {measured(result)}", flush=True)
-
-    return run_cases(short=short, on_done=show if loud else None)
-
-
-def _plain(result: CaseResult) -> dict[str, Any]:
-    """A result as JSON."""
-    case, measurement = result.case, result.measurement
-    values = dataclasses.asdict(measurement) if measurement is not None else {}
-    if values:
-        # the key that readers of the JSON know
-        values["said"] = values.pop("messages")
-    return {
-        "name": case.name,
-        "group": case.group,
-        "bound": case.bound,
-        "holds": result.holds,
-        "error": result.error,
-        # JSON has no NaN
-        **{
-            k: str(v) if isinstance(v, float) and not math.isfinite(v) else v
-            for k, v in values.items()
-        },
-    }
 
 
 def examine() -> Iterator[Check]:

@@ -16,7 +16,8 @@ HEAVY = {
 }
 
 COMMAND = {
-    *("evs.launch", "evs.launch.main", "evs.emulator", "evs.emulator.base"),
+    *("evs.launch", "evs.launch.main", "evs.launch.support", "evs.launch.support.plugins"),
+    *("evs.emulator", "evs.emulator.base"),
     *("evs.emulator.base.memory_limits", "evs.msgs", "evs.msgs.errors", "evs.msgs.registry"),
 }
 """All of evs that the command loads before it knows what to run."""

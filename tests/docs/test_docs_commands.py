@@ -84,7 +84,7 @@ def words_of(line: str) -> list[str]:
 def command_of(name: str) -> tuple[ModuleType, argparse.ArgumentParser]:
     """The module of a command and its parser."""
     module = main.module_of(name)
-    return module, main._parser(name, module)
+    return module, main.parser_of(name, module)
 
 
 def parse(words: list[str], folder: Path) -> None:

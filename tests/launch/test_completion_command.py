@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from evs.launch.main import COMMANDS, main
+from evs.launch.main import commands, main
 from reference.shell import offered
 
 Capture = pytest.CaptureFixture[str]
@@ -18,7 +18,7 @@ Capture = pytest.CaptureFixture[str]
 def test_commands_options_choices_and_files(tmp_path: Path) -> None:
     (tmp_path / "run.aedat4").touch()
     (tmp_path / "robot.xml").touch()
-    assert {word.strip() for word in offered("evs ", tmp_path)} == set(COMMANDS)
+    assert {word.strip() for word in offered("evs ", tmp_path)} == set(commands())
     assert offered("evs emu", tmp_path) == ["emulate "]
     assert "--camera " in offered("evs view --ca", tmp_path)
     assert offered("evs completion f", tmp_path) == ["fish "]

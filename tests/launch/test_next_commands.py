@@ -27,7 +27,7 @@ def parsed(line: str) -> argparse.Namespace:
     begin = f"{program()} emulate "
     assert line.startswith(begin), line
     words = shlex.split(line.removeprefix(begin), comments=True)
-    return main._parser("emulate", emulate).parse_intermixed_args(words)
+    return main.parser_of("emulate", emulate).parse_intermixed_args(words)
 
 
 def test_a_recording_is_looked_at_by_its_quoted_name() -> None:
@@ -41,7 +41,7 @@ def test_a_recording_is_looked_at_by_its_quoted_name() -> None:
 def test_a_run_that_left_nothing_is_repeated_with_a_recording() -> None:
     given = "emulate humanoid --scene 'my robot.xml' --spp 2 --size 64x48 name='left eye'"
     words = shlex.split(given)[1:]
-    args = main._parser("emulate", emulate).parse_intermixed_args(words)
+    args = main.parser_of("emulate", emulate).parse_intermixed_args(words)
     (line,) = emulate.next_commands(args, [], [])
     again = parsed(line)
     assert again.record == "run.aedat4"
@@ -50,7 +50,7 @@ def test_a_run_that_left_nothing_is_repeated_with_a_recording() -> None:
 
 
 def test_a_published_run_is_listened_to() -> None:
-    args = main._parser("emulate", emulate).parse_intermixed_args(["humanoid"])
+    args = main.parser_of("emulate", emulate).parse_intermixed_args(["humanoid"])
     first, second = emulate.next_commands(args, [], ["tcp://127.0.0.1:5560"])
     listen, _, run = first.partition(" & ")
     assert listen == f"{program()} echo tcp://127.0.0.1:5560 --hz"
@@ -126,4 +126,4 @@ def test_every_next_line_runs_as_printed(here: Path, capsys: pytest.CaptureFixtu
 
 def parsed_words(line: str) -> list[str]:
     words = shlex.split(line, comments=True)[4:]
-    return list(main._parser("emulate", emulate).parse_intermixed_args(words).words)
+    return list(main.parser_of("emulate", emulate).parse_intermixed_args(words).words)
