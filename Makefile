@@ -1,6 +1,6 @@
 # The commands of this project. Any make will do; `make` alone lists them.
 .POSIX:
-.PHONY: help demo test check campaign bench docs dev stubs format sanitize versions wheel wheels clean
+.PHONY: help demo test check lab campaign bench docs dev stubs format sanitize versions wheel wheels clean
 
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
@@ -15,14 +15,20 @@ test:
 	@sh .ci/setup.sh
 	@sh .ci/tests.sh "not slow and not statistical and not extremes and not integration and not bench"
 
-# make check     format, lint, types, sanitisers, one lane, versions, a wheel, then all tests but timings and campaigns: CI
+# make check     format, lint, types, sanitisers, one lane, versions, a wheel, all tests of evs and the quick ones of evs-lab: CI
 check:
 	@sh .ci/check.sh
 
-# make campaign  what is too long for make check: 120,000 damaged files, a million resets, all sanitisers, ...
+# make lab       every test of evs-lab but timings and campaigns
+lab:
+	@sh .ci/setup.sh
+	@sh .ci/tests.sh "not bench and not campaign" lab/tests
+
+# make campaign  what is too long for make check: all of evs-lab, 120,000 damaged files, a million resets, all sanitisers, ...
 campaign:
 	@sh .ci/setup.sh
-	@sh .ci/tests.sh campaign
+	@sh .ci/tests.sh campaign tests lab/tests
+	@sh .ci/tests.sh "slow and not bench and not campaign" lab/tests
 	@sh .ci/sanitize.sh wide
 
 # make docs      the site, in build/docs
@@ -32,7 +38,7 @@ docs:
 # make bench     timings
 bench:
 	@sh .ci/setup.sh
-	.venv/bin/pytest -m "bench and not slow" -s tests/bench
+	.venv/bin/pytest -m "bench and not slow" -s tests/bench lab/tests/bench
 
 # make dev       only the set-up: .venv, the native core in place, the tools of make check
 dev:

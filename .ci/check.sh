@@ -1,7 +1,7 @@
 #!/bin/sh
 # Everything that a change has to pass: format, lint, types, sanitisers, one lane, versions, a wheel,
-# the site, the learners' page, then every test but timings and campaigns. Ends with what each stage
-# took. Run by `make check`; stops at the first stage that fails.
+# the site, the learners' page, then every test of evs but timings and campaigns, and the quick ones of
+# evs-lab. Ends with what each stage took. Run by `make check`; stops at the first stage that fails.
 set -eu
 cd "$(dirname "$0")/.."
 began=$(date +%s)
@@ -51,4 +51,5 @@ stage "wheel" sh .ci/wheels.sh one
 stage "documentation" sh .ci/docs.sh
 stage "learners" sh .ci/learners.sh short
 stage "tests" sh .ci/tests.sh "not bench and not campaign"
+stage "quick tests of evs-lab" sh .ci/tests.sh "not slow and not bench and not campaign" lab/tests
 report "clean"

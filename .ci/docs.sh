@@ -3,5 +3,5 @@
 set -eu
 cd "$(dirname "$0")/.."
 sh .ci/setup.sh docs
-.venv/bin/python -m sphinx -q -W --keep-going -b html docs build/docs
-echo "evs: the site is in build/docs: open build/docs/index.html" >&2
+.venv/bin/python -m sphinx -q -W --keep-going -b html -c docs . build/docs
+echo "evs: the site is in build/docs: open build/docs/docs/index.html" >&2

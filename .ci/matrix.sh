@@ -1,8 +1,8 @@
 #!/bin/sh
-# Which Python, MuJoCo and host library evs's wheels go together with: docs/measured/hosts.md.
+# Which Python, MuJoCo and host library evs's wheels go together with: lab/docs/measured/hosts.md.
 # An environment for each combination; arguments: those of matrix.py.
 #
-#   sh .ci/wheels.sh native && sh .ci/matrix.sh --markdown docs/measured/hosts.md
+#   sh .ci/wheels.sh native && sh .ci/matrix.sh --markdown lab/docs/measured/hosts.md
 set -eu
 cd "$(dirname "$0")/.."
 tools=build/matrix/tools

@@ -130,5 +130,8 @@ if ! wait "$packages"; then
 fi
 trap - EXIT
 
-# import evs, and the command
-$python .ci/link.py
+# import evs, and the command; evs_lab too but for the demo
+lab=lab
+[ "$level" != demo ] || lab=
+# shellcheck disable=SC2086 # nothing where it is empty
+$python .ci/link.py $lab

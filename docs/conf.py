@@ -22,7 +22,10 @@ extensions = [
     "generated",
     "notebooks",
 ]
-exclude_patterns = ["_ext", "measured"]
+# of the checkout, the pages of evs and of evs-lab
+root_doc = "docs/index"
+include_patterns = ["docs/**", "lab/docs/**"]
+exclude_patterns = ["[!dl]*", "docs/_ext", "lab/docs/measured", "lab/[!d]*"]
 
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 4

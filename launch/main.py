@@ -51,11 +51,6 @@ GROUPS = {
         "play": "publish a recording on the bus, as the camera did",
     },
     "Measure and choose": {
-        "evaluate": ("measure event models (error, recall, timing, cost) against converged light"),
-        "sweep": "measure speed against error, around each preset, beside frame-based ways",
-        "tune": (
-            "find the pipeline for a scene that reaches a speed, or keeps an error, and write it"
-        ),
         "characterise": (
             "measure a virtual sensor: thresholds, latency, bandwidth, noise, range, peak rate"
         ),
@@ -65,7 +60,6 @@ GROUPS = {
         "dataset": (
             "a data set of scenes: events, RGB, depth, flow, segmentation, IMU, poses, causes"
         ),
-        "train": "train the network: `data` makes scenes and their light, `fit` learns from them",
     },
     "Set up": {
         "doctor": "is this machine fit: packages, processor, a trial run, and the extremes",

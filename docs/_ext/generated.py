@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING
 
 from evs.drivers.run import config_keys
@@ -28,9 +28,9 @@ def escaped(text: str) -> str:
     return re.sub(r"([\\`*_{}\[\]<>#|$~])", r"\\\1", " ".join(text.split()))
 
 
-def parsers() -> Iterator[tuple[str, argparse.ArgumentParser]]:
-    """(words, parser) of every command, in the order of `evs --help`; subcommands behind theirs."""
-    for name in main.COMMANDS:
+def parsers(names: Iterable[str]) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """(words, parser) of the commands; subcommands behind theirs."""
+    for name in names:
         parser = main.parser_of(name, main.module_of(name))
         yield f"evs {name}", parser
         for action in parser._actions:
@@ -68,10 +68,11 @@ def rows_of(parser: argparse.ArgumentParser) -> Iterator[str]:
         yield f"| `{names}` | {escaped(line)} |"
 
 
-def commands() -> str:
+def commands(names: Iterable[str] = main.COMMANDS) -> str:
     """A section for each command: what it does, its usage, its options, its examples."""
+    keys = "configuration.md" if names is main.COMMANDS else "../../docs/reference/configuration.md"
     found = []
-    for words, parser in parsers():
+    for words, parser in parsers(names):
         depth = "##" if words.count(" ") == 1 else "###"
         about = escaped(parser.description or "")
         found += [f"{depth} {words}", "", f"{about[:1].upper()}{about[1:]}.", ""]
@@ -84,7 +85,7 @@ def commands() -> str:
         if epilog.strip():
             found += ["```text", epilog.strip(), "```", ""]
         if begin:
-            found += ["Every key of the [configuration](configuration.md) is accepted.", ""]
+            found += [f"Every key of the [configuration]({keys}) is accepted.", ""]
     return "\n".join(found)
 
 
@@ -105,7 +106,11 @@ def configuration() -> str:
     return "\n".join(found)
 
 
-TEXTS: dict[str, Callable[[], str]] = {"commands": commands, "configuration": configuration}
+TEXTS: dict[str, Callable[[], str]] = {
+    "commands": commands,
+    "lab_commands": lambda: commands(main.LAB),
+    "configuration": configuration,
+}
 
 
 def filled(text: str) -> str:

@@ -11,7 +11,8 @@ import pytest
 IGNORED = {".git", ".venv", "build", "dist", "out", "__pycache__"}
 OF_ROS = "drivers/ros2/evs_camera_ros/"
 """A package of its own, which colcon builds: no part of evs."""
-PACKAGES = ("msgs", "emulator", "drivers", "tools", "examples", "launch")
+PACKAGES = ("msgs", "emulator", "drivers", "tools", "examples", "launch", "lab")
+"""Folders of evs; lab is evs-lab."""
 
 
 @pytest.fixture(scope="session")
@@ -54,5 +55,7 @@ def sources(checkout: Path, files: list[str]) -> dict[str, ast.Module]:
     return {
         name: ast.parse((checkout / name).read_text(), name)
         for name in files
-        if name.endswith(".py") and name.split("/")[0] in PACKAGES
+        if name.endswith(".py")
+        and name.split("/")[0] in PACKAGES
+        and not name.startswith(("lab/tests/", "lab/docs/"))
     }

@@ -10,7 +10,8 @@ import pytest
 
 def module_name(path: str) -> str:
     """The dotted name of a source file; a package's __init__.py bears the package's."""
-    return "evs." + path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+    name = path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+    return f"evs_{name}" if name.split(".")[0] == "lab" else f"evs.{name}"
 
 
 def imports_at_module_level(tree: ast.Module) -> Iterator[ast.Import | ast.ImportFrom]:

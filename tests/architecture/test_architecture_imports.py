@@ -57,12 +57,13 @@ def test_import_evs_and_help_load_only_the_standard_library(
 ) -> None:
     new = loaded_by(program) - bare
     assert {name for name in new if name.startswith("evs.")} == ours
-    assert top(new) - sys.stdlib_module_names == {"evs"}
+    # evs --help lists the commands of evs-lab
+    assert "evs" in top(new) - sys.stdlib_module_names <= {"evs", "evs_lab"}
 
 
 def test_importing_any_command_loads_nothing_heavy() -> None:
     modules = loaded_by(
-        "from evs.launch.main import COMMANDS, module_of\nfor name in COMMANDS: module_of(name)"
+        "from evs.launch.main import commands, module_of\nfor name in commands(): module_of(name)"
     )
     assert top(modules) & HEAVY == set()
     assert "evs.emulator._core" not in modules
@@ -126,6 +127,10 @@ def test_every_name_that_evs_offers_is_there() -> None:
 def test_the_version_is_the_same_everywhere(checkout: Path) -> None:
     import evs
 
-    project = tomllib.loads((checkout / "pyproject.toml").read_text())["project"]
-    assert evs.__version__ == project["version"]
+    project, lab = (
+        tomllib.loads((checkout / folder / "pyproject.toml").read_text())["project"]
+        for folder in (".", "lab")
+    )
+    assert evs.__version__ == project["version"] == lab["version"]
+    assert lab["dependencies"] == [f"evs=={evs.__version__}"]
     assert f"\nversion: {evs.__version__}\n" in (checkout / "CITATION.cff").read_text()

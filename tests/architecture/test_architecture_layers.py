@@ -11,10 +11,11 @@ from pathlib import Path
 
 import pytest
 
-LEVEL = {"msgs": 0, "emulator": 1, "drivers": 2, "tools": 3, "examples": 4, "launch": 5}
+LEVEL = {"msgs": 0, "emulator": 1, "drivers": 2, "tools": 3, "examples": 4, "launch": 5, "lab": 6}
+"""lab is evs_lab, a distribution of its own, of which evs knows nothing."""
 
 DOORS = {
-    "numpy": ("msgs/", "emulator/", "drivers/", "tools/", "examples/"),
+    "numpy": ("msgs/", "emulator/", "drivers/", "tools/", "examples/", "lab/"),
     # a plugin for MuJoCo's own viewer
     "mujoco": ("emulator/world/", "examples/studio/"),
     "msgpack": ("msgs/packet.py",),
@@ -36,8 +37,8 @@ DOORS = {
     "pyrender": ("emulator/render/raster/",),
     "OpenGL": ("emulator/render/raster/",),
     "cuda": ("emulator/base/gpu/driver.py",),
-    "jax": ("tools/training/",),
-    "optax": ("tools/training/",),
+    "jax": ("lab/training/",),
+    "optax": ("lab/training/",),
     "onnxruntime": ("emulator/evsnet/session.py",),
     "gymnasium": ("drivers/gym/",),
     "stable_baselines3": ("drivers/gym/stable_baselines.py",),
@@ -48,7 +49,7 @@ DOORS = {
 """Import name -> the only places that may import it. What is not listed may not be imported."""
 
 EXTRAS = (
-    *("raster", "gym", "video", "train", "view", "web", "foxglove", "formats", "ros2", "cluster"),
+    *("raster", "gym", "video", "view", "web", "foxglove", "formats", "ros2", "cluster"),
     *("completion", "cuda"),
 )
 """Whose libraries the package imports; those of the others are for tests and tools."""
@@ -59,7 +60,7 @@ OUTSIDE = {
 }
 """Standard modules that reach outside: not below drivers."""
 
-REGISTERED = re.compile(r"evs(\.\w+)+:\w+")
+REGISTERED = re.compile(r"evs(_lab)?(\.\w+)+:\w+")
 """An entry of a registry."""
 
 REGISTRY_DOOR = "msgs/registry.py"
@@ -111,7 +112,10 @@ def faults(path: str, tree: ast.Module) -> list[str]:
             known = layer == "launch" or path == REGISTRY_DOOR
             wrong = "" if known else "imports a name that is not written out"
         elif not top or top in LEVEL:
-            wrong = f"imports {name}: write evs.{name.lstrip('.')}"
+            package = "evs_lab" if top == "lab" else f"evs.{name.lstrip('.')}"
+            wrong = f"imports {name}: write {package}"
+        elif top == "evs_lab":
+            wrong = "" if layer == "lab" else f"imports {name}: nothing in evs imports evs-lab"
         elif top == "evs":
             if inner in LEVEL and LEVEL[inner] > LEVEL[layer]:
                 wrong = f"{layer} imports {name}: layers point {' -> '.join(reversed(LEVEL))}"
@@ -136,6 +140,17 @@ def test_every_import_of_the_package_points_down_and_through_its_door(
     assert [line for path, tree in sources.items() for line in faults(path, tree)] == []
 
 
+def test_no_test_of_evs_imports_evs_lab(checkout: Path, files: list[str]) -> None:
+    tests = [name for name in files if name.startswith("tests/") and name.endswith(".py")]
+    assert tests
+    assert [
+        f"{path}:{line}"
+        for path in tests
+        for line, name in imported(ast.parse((checkout / path).read_text()))
+        if name.split(".")[0] == "evs_lab"
+    ] == []
+
+
 @pytest.mark.parametrize(
     ("path", "source", "says"),
     [
@@ -158,6 +173,9 @@ def test_every_import_of_the_package_points_down_and_through_its_door(
         ("drivers/run/run.py", "import datetime", "reads the clock"),
         ("emulator/a.py", "import socket", "reaches outside"),
         ("msgs/a.py", "from urllib.request import urlopen", "reaches outside"),
+        ("launch/a.py", "def f():\n    from evs_lab import metrics", "nothing in evs imports"),
+        ("tools/a.py", "CASES = {'a': 'evs_lab.stress.light:CASES'}", "nothing in evs imports"),
+        ("lab/a.py", "from lab import metrics", "write evs_lab"),
     ],
 )
 def test_a_wrong_import_is_found(path: str, source: str, says: str) -> None:
@@ -177,6 +195,7 @@ def test_a_wrong_import_is_found(path: str, source: str, says: str) -> None:
         ("drivers/clock.py", "import time"),
         ("drivers/bus/a.py", "import socket\nimport zmq"),
         ("drivers/run/report.py", "from evs import __version__"),
+        ("lab/sweep/a.py", "from evs.launch.support import terminal\nimport evs_lab.metrics"),
     ],
 )
 def test_a_right_import_passes(path: str, source: str) -> None:
@@ -201,9 +220,13 @@ def test_the_core_reads_no_clock(checkout: Path, files: list[str]) -> None:
 
 
 def test_every_library_behind_a_door_is_a_declared_requirement(checkout: Path) -> None:
-    project = tomllib.loads((checkout / "pyproject.toml").read_text())["project"]
+    project, lab = (
+        tomllib.loads((checkout / folder / "pyproject.toml").read_text())["project"]
+        for folder in (".", "lab")
+    )
     extras = project["optional-dependencies"]
     declared = project["dependencies"] + [r for name in EXTRAS for r in extras[name]]
+    declared += lab["optional-dependencies"]["train"]
     names = {re.split(r"[^\w-]", requirement)[0].replace("-", "_") for requirement in declared}
     # found by cuda-bindings
     names -= {"nvidia_cuda_nvrtc"}

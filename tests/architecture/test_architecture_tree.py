@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
 
 TOP = {
     *("emulator", "drivers", "msgs", "launch", "tests", "config", "README.md"),
-    *("tools", "examples"),
+    *("tools", "examples", "lab"),
     *("pyproject.toml", "Makefile", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md", "docs"),
     "CITATION.cff",
 }
@@ -32,7 +33,8 @@ def test_every_folder_of_a_package_has_its_init(files: list[str]) -> None:
         Path(name).parent
         for name in files
         if name.endswith(".py")
-        and name.split("/")[0] in ("msgs", "emulator", "drivers", "tools", "examples")
+        and name.split("/")[0] in ("msgs", "emulator", "drivers", "tools", "examples", "lab")
+        and not name.startswith("lab/tests/")
     }
     assert [str(folder) for folder in modules if f"{folder}/__init__.py" not in files] == []
 
@@ -42,11 +44,14 @@ def test_config_is_data(files: list[str]) -> None:
 
 
 def test_tests_mirror_the_package_under_unique_names(files: list[str]) -> None:
-    tests = [Path(name) for name in files if name.startswith("tests/") and name.endswith(".py")]
-    modules = [path for path in tests if path.name.startswith("test_")]
-    folders = {"/".join(Path(name).parent.parts) for name in files}
-    mirrored = {path for path in modules if path.parts[1] not in OF_NO_FOLDER}
-    assert [str(p) for p in mirrored if "/".join(p.parent.parts[1:]) not in folders] == []
+    tests = [
+        name.partition("tests/") for name in files if name.startswith(("tests/", "lab/tests/"))
+    ]
+    modules = [Path(top, rest) for top, _, rest in tests if re.search(r"(^|/)test_\w+\.py$", rest)]
+    folders = {Path(name).parent for name in files}
+    mirrored = [path for path in modules if not OF_NO_FOLDER & set(path.parts[:2])]
+    assert mirrored
+    assert [str(path) for path in mirrored if path.parent not in folders] == []
     names = [path.name for path in modules]
     assert sorted(set(names)) == sorted(names)
 

@@ -67,6 +67,26 @@ def test_it_holds_the_package_and_nothing_else(wheel: Path, files: list[str]) ->
     assert any(name.startswith("evs/config/sensors/") for name in held)
 
 
+def test_that_of_evs_lab_holds_its_package_and_nothing_else(
+    checkout: Path, files: list[str], tmp_path: Path
+) -> None:
+    words = ["wheel", "-q", "--disable-pip-version-check", "--no-deps", "--no-build-isolation"]
+    built = subprocess.run(
+        [sys.executable, "-m", "pip", *words, "-w", str(tmp_path), str(checkout / "lab")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert built.returncode == 0, built.stdout + built.stderr
+    (found,) = tmp_path.iterdir()
+    held = {name for name in zipfile.ZipFile(found).namelist() if ".dist-info/" not in name}
+    assert held == {
+        f"evs_{name}"
+        for name in files
+        if name.startswith("lab/") and name.endswith(".py") and not name.startswith("lab/tests/")
+    }
+
+
 def test_it_works_away_from_the_checkout(wheel: Path, tmp_path: Path) -> None:
     zipfile.ZipFile(wheel).extractall(tmp_path / "site")
     program = (

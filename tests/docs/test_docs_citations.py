@@ -12,7 +12,18 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("msgs", "emulator", "drivers", "tools", "examples", "launch", "config", "docs", "tests")
+ROOMS = (
+    "msgs",
+    "emulator",
+    "drivers",
+    "tools",
+    "examples",
+    "launch",
+    "config",
+    "docs",
+    "tests",
+    "lab",
+)
 
 CITED = re.compile(
     r"(?<![\w/.:*{}$<>=-])((?:[\w.-]+/)*[\w-]+\.(?:py|md|inl|h|cpp|sh|xml|toml))\b(?![\w*/(])"
@@ -115,18 +126,24 @@ def test_what_the_files_cite_is_there(suffix: str) -> None:
     paths = [path for room in ROOMS for path in (ROOT / room).rglob(f"*{suffix}")]
     paths += ROOT.glob(f"*{suffix}")
     # written by evs sweep and evs evaluate
-    paths = [path for path in paths if ROOT / "docs/measured" not in path.parents]
+    paths = [path for path in paths if ROOT / "lab/docs/measured" not in path.parents]
     wrong = {str(path.relative_to(ROOT)): names for path in paths if (names := cited_in_vain(path))}
     assert wrong == {}
 
 
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CHANGELOG.md",
+    *sorted((ROOT / "docs").rglob("*.md")),
+    *sorted((ROOT / "lab/docs").rglob("*.md")),
+]
 
 
 def test_the_functions_of_tests_that_pages_cite_are_there() -> None:
     defined = {
         name
-        for path in (ROOT / "tests").rglob("test_*.py")
+        for folder in ("tests", "lab/tests")
+        for path in (ROOT / folder).rglob("test_*.py")
         for name in re.findall(r"^ *def (test_\w+)", path.read_text(encoding="utf-8"), re.MULTILINE)
     }
     cited = {

@@ -25,7 +25,9 @@ from evs.tools.dataset.scenes import of_file
 
 ROOT = Path(__file__).parents[2]
 YESTERDAY = ROOT / "tests/docs/commands_0_1.txt"
-PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+PAGES = sorted(
+    [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "lab/docs").rglob("*.md")]
+)
 PAGES = [page for page in PAGES if "measured" not in page.parts]
 
 ROBOT = """
@@ -136,7 +138,7 @@ def test_every_line_of_the_pages_parses(line: str, folder: Path) -> None:
         assert re.search(rf"^{words[1]}:", (ROOT / "Makefile").read_text(), re.MULTILINE)
     elif words[0] == ".venv/bin/pytest":
         for word in words[1:]:
-            if word.startswith("tests/"):
+            if word.startswith(("tests/", "lab/tests/")):
                 assert list(ROOT.glob(word.partition("::")[0])), word
     elif words[0] == "python":
         assert importlib.util.find_spec(words[2])

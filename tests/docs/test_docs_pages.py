@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
 import sys
 from pathlib import Path
@@ -13,16 +14,19 @@ import pytest
 from evs.drivers.run import config_keys as keys
 from evs.drivers.run.config import PipelineConfig
 from evs.launch.main import COMMANDS
+from evs.launch.main import LAB as LAB_COMMANDS
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 README = ROOT / "README.md"
 
 # written by evs sweep and evs evaluate
-WRITTEN = DOCS / "measured"
-PAGES = [page for page in sorted(DOCS.rglob("*.md")) if WRITTEN not in page.parents]
+LAB = ROOT / "lab/docs"
+WRITTEN = LAB / "measured"
+PAGES = sorted([*DOCS.rglob("*.md"), *LAB.rglob("*.md")])
+PAGES = [page for page in PAGES if WRITTEN not in page.parents]
 # its tables hold what users are shown, as it is printed
-PRINTED = DOCS / "reference/extremes.md"
+PRINTED = LAB / "extremes.md"
 
 MOST_LINES = 200
 MOST_WORDS = 1500
@@ -31,7 +35,7 @@ MOST_WORDS = 1500
 NO_ZERO = re.compile(r"(?:^|[\s(|,/*+-])\.\d")
 
 NAMED = re.compile(
-    r"(?<![\w/.:-])((?:tests|drivers|emulator|tools|examples|launch|msgs|config|docs)/[\w./*-]+)"
+    r"(?<![\w/.:-])((?:tests|drivers|emulator|tools|examples|launch|msgs|config|docs|lab)/[\w./*-]+)"
 )
 """a file of this tree, as a page names it"""
 
@@ -106,14 +110,15 @@ def test_every_page_is_in_the_site() -> None:
     for page in PAGES:
         for block in re.findall(r"```\{toctree\}\n(.*?)```", page.read_text(), re.DOTALL):
             lines = [line for line in block.splitlines() if line and not line.startswith(":")]
-            files = [page.parent / f"{line}.ipynb" for line in lines]
+            files = [Path(os.path.normpath(page.parent / f"{line}.ipynb")) for line in lines]
             listed |= {file if file.exists() else file.with_suffix(".md") for file in files}
     assert {*PAGES, *DOCS.rglob("*.ipynb")} == listed
 
 
 def test_every_picture_is_shown() -> None:
     shown = {(page.parent / link).resolve() for page in [README, *PAGES] for link in links_of(page)}
-    pictures = {path for path in (DOCS / "img").rglob("*") if path.is_file()}
+    folders = (DOCS / "img", LAB / "img")
+    pictures = {path for folder in folders for path in folder.rglob("*") if path.is_file()}
     assert pictures <= shown
 
 
@@ -122,12 +127,15 @@ def test_commands_and_keys_are_generated_in_full() -> None:
     text = module.filled((DOCS / "reference/cli.md").read_text())
     for name in COMMANDS:
         assert f"\n## evs {name}\n" in text
-    assert "\n### evs train fit\n" in text
     assert "`--publish ADDRESS`" in text
     text = module.filled((DOCS / "reference/configuration.md").read_text())
     for table in keys.describe(PipelineConfig):
         for key in table.keys:
             assert f"| `{key.name}` |" in text
+    text = module.filled((LAB / "commands.md").read_text())
+    for name in LAB_COMMANDS:
+        assert f"\n## evs {name}\n" in text
+    assert "\n### evs train fit\n" in text
     assert "<!-- generated" not in text
 
 

@@ -14,7 +14,9 @@ from evs.drivers.bus.address import free_address
 from evs.launch.main import main
 
 ROOT = Path(__file__).parents[2]
-PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+PAGES = sorted(
+    [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "lab/docs").rglob("*.md")]
+)
 
 ROBOT = """
 <mujoco model="robot">

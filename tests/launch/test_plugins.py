@@ -72,6 +72,8 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("words", "what"),
     [
+        *((words, f"evs {words[0]}") for words in (["evaluate"], ["sweep", "a.xml"], ["tune"])),
+        (["train", "fit", "--help"], "evs train"),
         (["doctor", "--markdown", "a.md"], "the table of stress cases"),
     ],
 )

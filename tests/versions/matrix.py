@@ -210,7 +210,7 @@ def main() -> int:
                 cell = matrix.tried(python, interpreter, mujoco, host)
                 cells.append(cell)
                 print(f"{python} {mujoco} {host}: {cell.reason or 'ok'}", file=sys.stderr)
-    text = report(cells, missing, "sh .ci/matrix.sh --markdown docs/measured/hosts.md")
+    text = report(cells, missing, "sh .ci/matrix.sh --markdown lab/docs/measured/hosts.md")
     if args.markdown:
         args.markdown.write_text(text)
     else:

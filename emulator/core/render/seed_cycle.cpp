@@ -6,7 +6,7 @@ namespace evs {
 namespace {
 
 // How far the squared change may exceed the variance of the sets before their mean gives way.
-// Chosen on six scenes, still and panned (docs/explanation/sampling.md).
+// Chosen on six scenes, still and panned (lab/docs/sampling.md).
 constexpr float CHANGE = 4.0f;
 // Added to both, so that 0 by 0 is 1; far below any light, squared.
 constexpr float LEAST = 1e-24f;

@@ -1,0 +1,15 @@
+"""The commands that evs-lab adds to `evs`."""
+
+GROUPS = {
+    "Measure and choose": {
+        "evaluate": "measure event models (error, recall, timing, cost) against converged light",
+        "sweep": "measure speed against error, around each preset, beside frame-based ways",
+        "tune": (
+            "find the pipeline for a scene that reaches a speed, or keeps an error, and write it"
+        ),
+    },
+    "Data and training": {
+        "train": "train the network: `data` makes scenes and their light, `fit` learns from them",
+    },
+}
+"""Heading -> command -> what it does, in one line; a command is the module of its name here."""

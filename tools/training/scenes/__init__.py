@@ -1,5 +1,0 @@
-"""The recipe of training scenes: MJCF text from a seed and a number, and from nothing else."""
-
-from evs.tools.training.scenes.scene import CAMERA, KINDS, START, TrainingScene, make_scene
-
-__all__ = ["CAMERA", "KINDS", "START", "TrainingScene", "make_scene"]
