@@ -18,7 +18,7 @@ from typing import Any, Generic, TypeVar
 from evs.msgs import EvsError
 from evs.tools.jobs.job import Job, remedy_for
 from evs.tools.jobs.packing import Unpacker
-from evs.tools.jobs.ray_node import fingerprint, make_on_node
+from evs.tools.jobs.ray_node import fingerprint, fingerprint_of, make_on_node
 from evs.tools.jobs.worker_pool import MAX_ATTEMPTS, name_of
 
 JobT = TypeVar("JobT", bound=Job)
@@ -195,13 +195,12 @@ class _ClusterRunner(Generic[JobT]):
         self, todo: list[JobT], stopped: Callable[[], bool]
     ) -> Iterator[tuple[JobT, Path]]:
         """See run_on_cluster."""
-        wanted = fingerprint()
         while True:
             while (todo or self.retries) and self.failure is None and len(self.sent) < self._room():
                 # jobs of lost nodes go first; after a stop both lists stay
                 if stopped():
                     break
-                self._send((self.retries or todo).pop(0), wanted)
+                self._send((self.retries or todo).pop(0))
             if not self.sent:
                 break
             ready, _ = self.ray.wait(list(self.sent), timeout=POLL_S)
@@ -218,7 +217,7 @@ class _ClusterRunner(Generic[JobT]):
     def _room(self) -> int:
         return room(self.ray, "a job", "give fewer --threads", self.threads)
 
-    def _send(self, job: JobT, wanted: dict[str, str]) -> None:
+    def _send(self, job: JobT) -> None:
         # we retry lost jobs, not Ray, so that each loss is reported
         task = self.ray.remote(_on_node).options(
             name=name_of(job),
@@ -228,7 +227,9 @@ class _ClusterRunner(Generic[JobT]):
             scheduling_strategy="SPREAD",
             _generator_backpressure_num_objects=MAX_PIECES_IN_FLIGHT,
         )
-        self.sent[task.remote(job, wanted, self.threads)] = _SentJob(job, self._new_unpacker(job))
+        self.sent[task.remote(job, fingerprint_of(job), self.threads)] = _SentJob(
+            job, self._new_unpacker(job)
+        )
 
     def _new_unpacker(self, job: JobT) -> Unpacker:
         # a folder for each attempt: the one before may be incomplete

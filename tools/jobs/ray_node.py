@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+import sys
 import tempfile
 import warnings
 import zlib
@@ -26,6 +27,20 @@ def fingerprint() -> dict[str, str]:
     python = ".".join(platform.python_version_tuple()[:2])
     found = {"Python": python, **versions(), "zlib": zlib.ZLIB_RUNTIME_VERSION}
     return {**found, SOURCES: _sources(Path(__file__).parents[2])}
+
+
+def fingerprint_of(job: Job) -> dict[str, str]:
+    """fingerprint(), for a job of evs-lab with the sources of evs_lab."""
+    package = type(job).__module__.partition(".")[0]
+    return (
+        {**fingerprint(), **_sources_of(package)} if package.startswith("evs_") else fingerprint()
+    )
+
+
+@lru_cache(maxsize=4)
+def _sources_of(package: str) -> dict[str, str]:
+    folder = Path(str(sys.modules[package].__file__)).parent
+    return {f"sources of {package}": _sources(folder)}
 
 
 def differences(wanted: Mapping[str, str], found: Mapping[str, str]) -> str:
@@ -52,7 +67,7 @@ def make_on_node(
         EvsError: this node differs from the machine that sent the job.
         Exception: whatever the job raises.
     """
-    differs = differences(wanted, fingerprint())
+    differs = differences(wanted, fingerprint_of(job))
     if differs:
         raise EvsError(f"node {where} has {differs}; install the same on every node")
     with (
@@ -73,11 +88,11 @@ def make_on_node(
 def _sources(package: Path) -> str:
     """Digest of the package's Python files and tables, which finds edits that no version shows."""
     hashed = hashlib.sha256()
-    # a checkout is a folder of links, and has the native core's sources, which wheels lack
+    # a checkout is a folder of links, and has what wheels lack: the native core's sources, tests
     for here, folders, names in os.walk(package, followlinks=True):
-        folders[:] = sorted(set(folders) - {"__pycache__", "core"})
+        folders[:] = sorted(set(folders) - {"__pycache__", "core", "tests", "docs"})
         for name in sorted(names):
-            if name.endswith((".py", ".toml")):
+            if name.endswith((".py", ".toml")) and name != "pyproject.toml":
                 path = Path(here, name)
                 hashed.update(path.relative_to(package).as_posix().encode() + b"\0")
                 hashed.update(path.read_bytes() + b"\0")

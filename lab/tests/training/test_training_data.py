@@ -15,8 +15,9 @@ import pytest
 
 from evs.launch.main import main
 from evs.msgs import EvsError
+from evs.tools.jobs.ray_node import fingerprint, fingerprint_of, make_on_node
 from evs_lab.training import make
-from evs_lab.training.make import make_data, make_shard, work_of
+from evs_lab.training.make import ShardJob, make_data, make_shard, work_of
 from evs_lab.training.pilot import Pilot, choose_pixels
 from evs_lab.training.scenes import make_scene
 from evs_lab.training.settings import DataSettings, Variant
@@ -54,6 +55,14 @@ def trace_nothing(patch: pytest.MonkeyPatch) -> None:
         return dataclasses.replace(made, meta={"settings": settings.plain()})
 
     patch.setattr(make, "make_shard", shard)
+
+
+def test_a_node_with_other_sources_of_evs_lab_is_refused() -> None:
+    job = ShardJob(DataSettings(), 0)
+    wanted = fingerprint_of(job)
+    assert {*wanted} - {*fingerprint()} == {"sources of evs_lab"}
+    with pytest.raises(EvsError, match=r"^node b has sources of evs_lab \w+ \(here edited\)"):
+        next(make_on_node(job, {**wanted, "sources of evs_lab": "edited"}, 1, "b"))
 
 
 def test_a_shard_follows_from_its_number_on_any_number_of_threads() -> None:
