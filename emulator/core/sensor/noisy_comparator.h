@@ -308,15 +308,16 @@ struct NoisyComparators {
       const NoiseStep step = is_whole ? whole : step_to(end);
       is_whole = false;
       const double dt = end - now;
+      const bool can_be_cut = end > now + 1.0;  // what is cut lasts 1 us at least
       const double random = step.on.random + step.off.random;
       // a step in which the noise loses its memory, and may fire, is short
-      if (memory > kKnown && band.decay * dt > kShortStep && dt > 1.0 &&
+      if (memory > kKnown && band.decay * dt > kShortStep && can_be_cut &&
           random * kCoarseParts > budget) {
         end = now + std::max(1.0, 0.9 * kShortStep / band.decay);
         continue;
       }
       const double hazard = random + (step.on.moving + step.off.moving);
-      if (band.decay * dt > kLongStep && (memory > 0.0 || !(hazard < budget))) {
+      if (can_be_cut && band.decay * dt > kLongStep && (memory > 0.0 || !(hazard < budget))) {
         const double sooner = part_of_long(step, end);
         if (sooner < dt) {
           end = now + std::max(1.0, sooner);
@@ -342,7 +343,7 @@ struct NoisyComparators {
       Cause cause = Cause::shot;
       if (level.x1 < level.x0) {
         const Place place = place_of(level, step.passages, share * level.hazard());
-        if (place.random && dt > 1.0 && !is_straight(end)) {
+        if (place.random && can_be_cut && !is_straight(end)) {
           end = now + 0.5 * dt;
           continue;
         }

@@ -714,13 +714,15 @@ class NoisyPixel:
             step = self._step_to(end) if whole is None else whole
             whole = None
             dt = end - self.now
+            can_be_cut = end > self.now + 1.0
             random = step.on.random + step.off.random
-            is_long = self.memory > KNOWN and band.decay * dt > SHORT_STEP and dt > 1.0
+            is_long = self.memory > KNOWN and band.decay * dt > SHORT_STEP and can_be_cut
             if is_long and random * COARSE_PARTS > self.budget:
                 end = self.now + max(1.0, 0.9 * SHORT_STEP / band.decay)
                 continue
             hazard = random + (step.on.moving + step.off.moving)
-            if band.decay * dt > LONG_STEP and (self.memory > 0.0 or not hazard < self.budget):
+            is_long = can_be_cut and band.decay * dt > LONG_STEP
+            if is_long and (self.memory > 0.0 or not hazard < self.budget):
                 sooner = self._part_of_long(step, end)
                 if sooner < dt:
                     end = self.now + max(1.0, sooner)
@@ -737,7 +739,7 @@ class NoisyPixel:
             share, cause = self.budget / hazard, Cause.SHOT
             if level.x1 < level.x0:
                 place, by_noise = self._place(level, step.passages, share * level.hazard)
-                if by_noise and dt > 1.0 and not self._is_straight(end):
+                if by_noise and can_be_cut and not self._is_straight(end):
                     end = self.now + 0.5 * dt
                     continue
                 share = self._share(step, up, place, end, by_noise)
