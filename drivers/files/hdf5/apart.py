@@ -273,6 +273,10 @@ def opened(path: Path) -> Iterator[ApartFile]:
     child = _with_file(path, str(path.absolute()), begin)
     try:
         yield ApartFile(lambda name, *arguments: child.ask(path, name, *arguments))
+    except Exception:
+        # perhaps it answered nonsense
+        child.kept = False
+        raise
     finally:
         try:
             if child.kept and child.end.alive:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -54,12 +55,13 @@ def rows(path: Path) -> Events:
 
 
 @pytest.fixture
-def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The program that reads, which a test may write."""
     path = tmp_path / "program.py"
     monkeypatch.setattr(apart, "PROGRAM", path)
     apart._idle.clear()
-    return path
+    yield path
+    apart._idle.clear()
 
 
 def ours() -> tuple[set[str], set[int]]:
