@@ -95,6 +95,8 @@ def grown_in(case: str) -> float:
                 worlds.step(ticks=TICKS)
                 kept.extend(np.full(4, number, np.float64) for _ in range(TICKS * COUNT))
 
+        # fill what the start left free
+        go_on()
         return grown(go_on, 400 * TICKS)
     worlds = swings("auto" if case == "together" else constant)
     assert bool(worlds.one_by_one) == (case != "together")
