@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from evs.drivers.files import read
+from evs.drivers.search_path import search_path
 from evs.msgs import Events, EvsError, empty_events
 
 TIMEOUT_S = 120.0
@@ -72,7 +73,6 @@ def emulate(
     scene.write_text(mjcf, encoding="utf-8")
     command = [sys.executable, "-P", "-c", _CODE, str(memory_bytes), str(file_bytes), "emulate"]
     command += ["--scene", str(scene), "--record", str(recording), "--report", str(report)]
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
     try:
         ended = subprocess.run(
             [*command, "--quiet", *arguments],
@@ -80,7 +80,7 @@ def emulate(
             capture_output=True,
             text=True,
             timeout=TIMEOUT_S,
-            env={**os.environ, "PYTHONPATH": search, **(environment or {})},
+            env={**os.environ, "PYTHONPATH": search_path(), **(environment or {})},
             check=False,
         )
     except subprocess.TimeoutExpired:
