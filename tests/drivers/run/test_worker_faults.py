@@ -81,6 +81,11 @@ def workers_of(parent: int) -> list[int]:
     return [int(word) for word in children.split()]
 
 
+def lines_of(said: str) -> list[str]:
+    """What it printed, without what depends on the load of this machine."""
+    return [line for line in said.splitlines() if "this machine cannot keep up" not in line]
+
+
 def is_there(process: int) -> bool:
     """Whether it runs: one that has ended stays in the list until somebody asks how."""
     try:
@@ -149,7 +154,7 @@ def test_ctrl_c_ends_the_camera_and_the_sink_stays_until_all_is_written(folder: 
         time.sleep(0.3)
         os.kill(process, signal.SIGCONT)
         said = camera.communicate(timeout=60)
-    assert (camera.returncode, said[1]) == (130, "")
+    assert (camera.returncode, lines_of(said[1])) == (130, [])
     report = json.loads(Path(f"{file}.report.json").read_text())
     assert report["ended"].startswith("interrupted at")
     assert has_table(file)
@@ -168,11 +173,10 @@ def test_the_sink_is_killed_and_the_camera_goes_on(folder: Path) -> None:
         _, said = camera.communicate(timeout=60)
     line = f"the process of the aedat4 sink '{worker}' was ended by signal 9: what it wrote until"
     assert camera.returncode == 2
-    assert said.count("\n") == 1
-    assert line in said
+    assert [line in one for one in lines_of(said)] == [True]
     report = json.loads(Path(f"{own}.report.json").read_text())
     assert (report["ended"], report["ticks"]) == ("complete", 1500)
-    assert [line in one for one in report["warnings"]] == [True]
+    assert [line in one for one in lines_of("\n".join(report["warnings"]))] == [True]
     assert line in report["sinks"][1]["error"]
     whole, part = read(own), read(worker)
     assert 0 < len(part) < len(whole) == report["events"]
@@ -186,8 +190,7 @@ def test_the_only_sink_is_killed_and_that_ends_the_run(folder: Path) -> None:
         os.kill(workers_of(camera.pid)[0], signal.SIGKILL)
         _, said = camera.communicate(timeout=60)
     assert camera.returncode == 2
-    assert said.count("\n") == 1
-    assert "was ended by signal 9" in said
+    assert ["was ended by signal 9" in one for one in lines_of(said)] == [True]
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
