@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from evs.emulator.simulation.closed_loop import ClosedLoop
     from evs.emulator.simulation.event_camera import EventCamera
     from evs.emulator.simulation.pixels import Pixels
-    from evs.emulator.simulation.virtual_camera import VirtualCamera
     from evs.emulator.simulation.world import World
     from evs.emulator.simulation.worlds import Worlds
     from evs.emulator.world import LeftOutWarning, UnstableError, UnstableWarning
@@ -40,7 +39,6 @@ _HOMES = {
     "UnstableError": "evs.emulator.world:UnstableError",
     "UnstableWarning": "evs.emulator.world:UnstableWarning",
     "View": "evs.emulator.camera.view:View",
-    "VirtualCamera": "evs.emulator.simulation.virtual_camera:VirtualCamera",
     "World": "evs.emulator.simulation.world:World",
     "Worlds": "evs.emulator.simulation.worlds:Worlds",
 }
@@ -55,7 +53,6 @@ __all__ = [
     "UnstableError",
     "UnstableWarning",
     "View",
-    "VirtualCamera",
     "World",
     "Worlds",
 ]

@@ -219,8 +219,8 @@ class World:
         The n-th camera's pixels follow from seed + n, so that no two are alike.
 
         Args:
-            camera: The name of one of the model's cameras, or a description; "" is the model's
-                first, else a free camera.
+            camera: The name of one of the model's cameras, or a description; "" is that of the
+                SceneConfig, else the model's first, else a free camera.
             sensor: The name of a preset, or a configuration.
             render: How light reaches the pixels; None: the defaults.
             model: What turns light into events; None: the defaults.
@@ -233,6 +233,7 @@ class World:
             EvsError: No such camera or preset, or a configuration that makes no sense.
         """
         seed = self._seed + len(self._cameras)
+        camera = self._scene_config.camera if camera == "" else camera
         return self._add(
             plan_camera(camera, sensor, render, model, name, seed, self._threads), None
         )

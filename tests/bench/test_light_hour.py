@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from evs.emulator import VirtualCamera
+from evs.emulator import World
 from evs.emulator.config import SensorConfig
 from reference.memory import resident_bytes
 
@@ -22,13 +22,10 @@ MINUTE, HOUR = 60_000, 3_600_000
 @pytest.mark.bench
 @pytest.mark.slow
 def test_an_hour_of_an_ant(robot_files: dict[str, Path]) -> None:
-    camera = VirtualCamera(
-        robot_files["gymnasium/ant"],
-        control="random",
-        sensor=SensorConfig("davis346", width=32, height=24),
-    )
+    world = World(robot_files["gymnasium/ant"], control="random")
+    world.add_camera(sensor=SensorConfig("davis346", width=32, height=24))
     began, events, after = time.perf_counter(), 0, {}
-    for tick, packet in enumerate(camera.run(HOUR / 1000), 1):
+    for tick, (packet,) in enumerate(world.run(HOUR / 1000), 1):
         events += len(packet.events)
         if tick % (10 * MINUTE) == 0 or tick == MINUTE:
             after[tick] = resident_bytes()

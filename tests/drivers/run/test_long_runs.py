@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator import EventCamera, VirtualCamera, World, _core
+from evs.emulator import EventCamera, World, _core
 from evs.emulator.config import CameraConfig, RenderConfig, SensorConfig
 from evs.msgs import EvsError
 from reference.memory import LEAST_BYTES, resident_bytes
@@ -72,10 +72,9 @@ def test_a_still_scene_is_silent_for_a_thousand_ticks() -> None:
 def stream_of(path: Path, seed: int = 7, **options: object) -> bytes:
     """The events of 40 ticks of a robot that moves at random, as bytes."""
     threads, render = options.pop("threads", 1), RenderConfig(**{"spp": 2, **options})  # type: ignore[arg-type]
-    camera = VirtualCamera(
-        path, control="random", sensor=SMALL, render=render, seed=seed, threads=threads  # type: ignore[arg-type]
-    )  # fmt: skip
-    return b"".join(packet.events.tobytes() for packet in camera.run(0.04))
+    world = World(path, control="random", seed=seed, threads=threads)  # type: ignore[arg-type]
+    world.add_camera(sensor=SMALL, render=render)
+    return b"".join(packet.events.tobytes() for (packet,) in world.run(0.04))
 
 
 def test_a_stream_has_the_same_bytes_whatever_computed_it(robot_files: dict[str, Path]) -> None:
@@ -194,19 +193,15 @@ def test_a_slow_pan_over_a_checker_gives_events_on_its_edges_only() -> None:
 
 @pytest.mark.slow
 def test_memory_does_not_grow_over_twenty_thousand_ticks(robot_files: dict[str, Path]) -> None:
-    camera = VirtualCamera(
-        robot_files["gymnasium/ant"],
-        control="random",
-        sensor=SensorConfig("davis346", width=24, height=16),
-        render=RenderConfig(spp=1),
-        threads=2,
-    )
+    world = World(robot_files["gymnasium/ant"], control="random", threads=2)
+    sensor = SensorConfig("davis346", width=24, height=16)
+    world.add_camera(sensor=sensor, render=RenderConfig(spp=1))
     warm, ticks, events = 2_000, 20_000, 0
-    stream = camera.run((warm + ticks) / 1000)
+    stream = world.run((warm + ticks) / 1000)
     for _ in range(warm):
         next(stream)
     before = resident_bytes()
-    for packet in stream:
+    for (packet,) in stream:
         events += len(packet.events)
     assert events > ticks
     assert resident_bytes() - before < LEAST_BYTES * ticks

@@ -95,14 +95,10 @@ def test_the_luminance_is_that_of_a_camera_with_pixels(folder: Path) -> None:
     with np.load("a.npz") as file:
         assert set(file.files) == {"info", "t_us", "luminance"}
         light = file["luminance"]
-    camera = evs.VirtualCamera(
-        "ball.xml",
-        "eye",
-        sensor=evs.SensorConfig(width=24, height=18),
-        render=evs.RenderConfig(spp=2),
-    )
+    world, sensor = evs.World("ball.xml"), evs.SensorConfig(width=24, height=18)
+    camera = world.add_camera("eye", sensor=sensor, render=evs.RenderConfig(spp=2))
     for tick in range(1, 6):
-        camera.step()
+        world.step()
         assert light[tick].tobytes() == camera.luminance.tobytes()
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from evs.drivers import files
-from evs.emulator import EventCamera, VirtualCamera, World
+from evs.emulator import EventCamera, World
 from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.evsnet.export import export
 from evs.emulator.world import load_model
@@ -100,10 +100,6 @@ def test_who_gives_events_at_once_takes_no_chunks(folder: Path) -> None:
     model = ModelConfig(
         name="evsnet", network=str(folder / "causal.onnx"), chunk=4, runtime="reference"
     )
-    camera = VirtualCamera(folder / "swing.xml", sensor=SMALL, render=RENDER, model=model)
-    with pytest.raises(EvsError, match="iterate"):
-        camera.step()
-    assert len(list(camera.run(0.01))) == 10
     with pytest.raises(EvsError, match="leave it 1"):
         EventCamera(load_model(folder / "swing.xml"), sensor=SMALL, model_config=model)
 

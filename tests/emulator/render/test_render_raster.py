@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator import VirtualCamera
+from evs.emulator import World
 from evs.emulator.base.features import Switches
 from evs.emulator.base.scene import CameraModel, ObjectKind, SceneModel, SceneSnapshot
 from evs.emulator.config import CameraConfig, PlanConfig, RenderConfig
@@ -361,14 +361,11 @@ def test_two_renderers_at_once_do_not_disturb_each_other() -> None:
 
 
 @pytest.mark.slow
-def test_a_virtual_camera_runs_on_it(robot_files: dict[str, Path]) -> None:
+def test_a_world_runs_on_it(robot_files: dict[str, Path]) -> None:
     def run() -> tuple[bytes, np.ndarray]:
-        camera = VirtualCamera(
-            robot_files["gymnasium/humanoid"],
-            control="random",
-            render=RenderConfig(renderer="raster"),
-        )
-        packets = [camera.step() for _ in range(5)]
+        world = World(robot_files["gymnasium/humanoid"], control="random")
+        camera = world.add_camera(render=RenderConfig(renderer="raster"))
+        packets = [packet for _ in range(5) for packet in world.step()]
         assert [packet.time_end_us for packet in packets] == [1000, 2000, 3000, 4000, 5000]
         return b"".join(packet.events.tobytes() for packet in packets), camera.luminance
 

@@ -9,7 +9,7 @@ import mujoco
 import pytest
 
 import evs
-from evs.emulator import EventCamera, VirtualCamera, World
+from evs.emulator import Camera, EventCamera, World
 from evs.emulator.config import ModelConfig, ReadoutConfig, SensorConfig
 from evs.emulator.sensor import Readout, resolve_sensor
 from evs.launch import main
@@ -48,17 +48,18 @@ PIXEL = SensorConfig(
 )
 
 
-def moving(config: SensorConfig, ticks: int = 30) -> tuple[VirtualCamera, list[EventPacket]]:
-    camera = VirtualCamera(mujoco.MjModel.from_xml_string(SCENE), sensor=config, seed=3)
-    camera.world.data.qvel[0] = 5.0
-    return camera, [camera.step() for _ in range(ticks)]
+def moving(config: SensorConfig, ticks: int = 30) -> tuple[Camera, list[EventPacket]]:
+    world = World(mujoco.MjModel.from_xml_string(SCENE), seed=3)
+    camera = world.add_camera(sensor=config)
+    world.data.qvel[0] = 5.0
+    return camera, [packet for _ in range(ticks) for packet in world.step()]
 
 
 def test_a_camera_hands_its_pixels_events_to_the_readout() -> None:
     ideal, plain = moving(IDEAL)
     camera, packets = moving(PIXEL)
-    assert ideal.camera.events_dropped == {}
-    assert ideal.camera.events_waiting == 0
+    assert ideal.events_dropped == {}
+    assert ideal.events_waiting == 0
     readout = Readout(resolve_sensor(PIXEL))
     # the first tick of a camera ends at 0 and has no events
     _, state = readout.step(plain[0].events[:0], readout.init(3), -1, 0)
@@ -66,13 +67,13 @@ def test_a_camera_hands_its_pixels_events_to_the_readout() -> None:
         out, state = readout.step(before.events, state, before.time_base_us, before.time_end_us)
         assert packet.events.tobytes() == out.tobytes()
         encode(packet)  # sorted, in its interval, on the sensor, zero padding
-    assert camera.camera.events_dropped == state.dropped
+    assert camera.events_dropped == state.dropped
     dropped = state.dropped
     assert dropped["roi"] > 0
     assert dropped["erc"] + dropped["fifo"] > 0
     came, went = (sum(map(len, stream)) for stream in (plain, packets))
     assert went > 500
-    assert came == went + sum(dropped.values()) + camera.camera.events_waiting
+    assert came == went + sum(dropped.values()) + camera.events_waiting
 
 
 def test_the_python_face_has_its_configuration() -> None:
@@ -120,7 +121,7 @@ def test_labels_come_through_the_readout() -> None:
 def test_a_region_off_the_sensor_is_refused_by_the_camera() -> None:
     config = SensorConfig("ideal", width=64, height=48, readout=ReadoutConfig(roi=(0, 0, 65, 1)))
     with pytest.raises(EvsError, match=r"sensor\.readout\.roi 0 0 65 1"):
-        VirtualCamera(mujoco.MjModel.from_xml_string(SCENE), sensor=config)
+        World(mujoco.MjModel.from_xml_string(SCENE)).add_camera(sensor=config)
 
 
 def test_a_run_reports_and_tells_what_was_dropped(

@@ -68,11 +68,6 @@ def loop() -> None:
     one.step([0.0])
 
 
-def virtual() -> None:
-    for _ in evs.VirtualCamera(MODEL, sensor=SIZE, threads=2).run(0.002):
-        pass
-
-
 WAYS: dict[str, Callable[[], None]] = {
     "sensor": sensor,
     "sensor, path": lambda: sensor(render=RenderConfig(renderer="path", spp=1)),
@@ -82,7 +77,6 @@ WAYS: dict[str, Callable[[], None]] = {
     "world with views": world_with_views,
     "world that was saved": world_saved,
     "loop": loop,
-    "virtual camera": virtual,
 }
 
 CYCLES, STRETCHES = 60, 3

@@ -1,4 +1,4 @@
-"""World, Camera and VirtualCamera: packets on one clock, whatever way they are asked for."""
+"""World and Camera: packets on one clock, whatever way they are asked for."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from evs.drivers import settings
-from evs.emulator import Camera, UnstableError, VirtualCamera, World
+from evs.emulator import UnstableError, World
 from evs.emulator.config import CameraConfig, RenderConfig, RunConfig, SceneConfig, SensorConfig
 from evs.emulator.config.sensor import BiasConfig
 from evs.emulator.sensor import resolve_sensor
@@ -344,26 +344,8 @@ def test_two_cameras_cannot_have_one_name(arm):
     assert len(world.cameras) == 1
 
 
-def test_the_shorthand_gives_the_same_packets(arm):
-    options = {"control": "random", "seed": 2, "threads": 1}
-    world = World(arm, **options)
-    world.add_camera("side", sensor=SMALL)
-    expected = [packet.events.tobytes() for (packet,) in world.run(0.02)]
-    short = VirtualCamera(arm, "side", sensor=SMALL, **options)
-    assert [packet.events.tobytes() for packet in short.run(0.02)] == expected
-    endless = VirtualCamera(arm, "side", sensor=SMALL, **options)
-    some = [packet for packet, _ in zip(endless, range(20), strict=False)]
-    assert [packet.events.tobytes() for packet in some] == expected
-    stepped = VirtualCamera(arm, "side", sensor=SMALL)
-    assert stepped.step([1.0]).time_end_us == 1000
-    assert stepped.world.data.ctrl.tolist() == [1.0]
-    assert stepped.info.camera == "side"
-    assert stepped.luminance.shape == (48, 64)
-    assert isinstance(stepped.camera, Camera)
-
-
-def test_the_shorthand_takes_a_scene_configuration(arm):
-    config = SceneConfig(file=str(arm), camera="top", tick_us=500)
-    camera = VirtualCamera(config, sensor=SMALL)
-    assert camera.info.camera == "top"
-    assert camera.step().time_end_us == 500
+def test_the_first_camera_is_that_of_a_scene_configuration(arm):
+    world = World(SceneConfig(file=str(arm), camera="top", tick_us=500))
+    assert world.add_camera(sensor=SMALL).name == "top"
+    (packet,) = world.step()
+    assert packet.time_end_us == 500

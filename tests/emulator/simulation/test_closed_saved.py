@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator import ClosedLoop, VirtualCamera, World
+from evs.emulator import ClosedLoop, World
 from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.config.schema import DelayConfig
 from evs.emulator.state import pack, unpack
@@ -294,18 +294,6 @@ def test_the_first_look_of_a_view_follows_the_state():
     other.restore(one.save())
     assert view.t_us == 9000
     np.testing.assert_array_equal(view.render()[0], one.cameras[0].luminance)
-
-
-def test_a_camera_of_ones_own_and_its_world():
-    camera = VirtualCamera(mujoco.MjModel.from_xml_string(SWING), "left", sensor=SMALL)
-    for _ in range(20):
-        camera.step([1.0])
-    blob = camera.save()
-    rest = [camera.step().events.tobytes() for _ in range(20)]
-    camera.reset(seed=8)
-    assert camera.step().seq == 0
-    camera.restore(blob)
-    assert [camera.step().events.tobytes() for _ in range(20)] == rest
 
 
 def test_a_network_is_known_by_its_weights():

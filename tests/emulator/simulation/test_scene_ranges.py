@@ -528,9 +528,6 @@ def test_a_loop_takes_values_and_saves_them() -> None:
     other.restore(blob)
     assert other.world.scene_values == values
     assert [raw(packet.events) for packet in other.step([0.1], 4).packets] == expected
-    camera = evs.VirtualCamera(swing(), camera="left", sensor=SMALL, threads=1)
-    camera.reset(scene=values)
-    assert camera.world.scene_values == values
 
 
 def test_an_event_camera_in_a_loop_of_ones_own() -> None:

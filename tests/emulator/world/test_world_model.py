@@ -235,9 +235,9 @@ def test_a_name_that_is_not_utf8_is_one_line(tmp_path):
 
 @pytest.mark.parametrize(
     "make",
-    [evs.World, lambda scene: evs.Worlds(scene, 2), evs.VirtualCamera, evs.ClosedLoop]
+    [evs.World, lambda scene: evs.Worlds(scene, 2), evs.ClosedLoop]
     + [lambda scene: evs.SceneRanges({}, scene), load_spec, lambda scene: load_model(Path(scene))],
-    ids=["World", "Worlds", "VirtualCamera", "ClosedLoop", "SceneRanges", "spec", "Path"],
+    ids=["World", "Worlds", "ClosedLoop", "SceneRanges", "spec", "Path"],
 )
 def test_a_scene_of_a_package_is_named_anywhere(make, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

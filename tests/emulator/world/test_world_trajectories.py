@@ -229,8 +229,9 @@ def test_a_still_scene_has_events_once_the_camera_shakes(scene: str) -> None:
     counts = []
     for config in (evs.CameraConfig(), evs.CameraConfig(shake_m=0.02, shake_deg=0.5)):
         sensor = evs.SensorConfig(preset="ideal", width=64, height=48)
-        camera = evs.VirtualCamera(scene, config, sensor=sensor)
-        counts.append(sum(len(packet) for packet in camera.run(0.1)))
+        world = evs.World(scene)
+        world.add_camera(config, sensor=sensor)
+        counts.append(sum(len(packet) for (packet,) in world.run(0.1)))
     assert counts[0] == 0
     assert counts[1] > 100
 

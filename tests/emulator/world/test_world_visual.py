@@ -181,9 +181,6 @@ SIGHTS: dict[str, Callable[[mujoco.MjModel, Any], Any]] = {
     "twin": lambda model, visual: (
         evs.World(model, visual=visual).twin().add_view("eye", sensor=sensor())
     ),
-    "VirtualCamera": lambda model, visual: started(
-        evs.VirtualCamera(model, "eye", sensor=sensor(), visual=visual)
-    ),
     "ClosedLoop": lambda model, visual: stepped(
         evs.ClosedLoop(model, "eye", sensor=sensor(), visual=visual).world
     ),
@@ -193,11 +190,6 @@ SIGHTS: dict[str, Callable[[mujoco.MjModel, Any], Any]] = {
         evs.make_vec(model, 2, cameras="eye", sensor=sensor(), size=None, visual=visual).worlds
     ),
 }
-
-
-def started(camera: evs.VirtualCamera) -> evs.VirtualCamera:
-    camera.step()
-    return camera
 
 
 def stepped(world: evs.World) -> Any:
