@@ -15,6 +15,7 @@ from PIL import Image
 from evs.drivers.bus.keys import write_keys
 from evs.drivers.pictures import write_png
 from evs.drivers.run.config import load
+from evs.drivers.search_path import search_path
 from evs.emulator import ClosedLoop, EventCamera, World
 from evs.emulator.config import CameraConfig, SensorConfig
 from evs.emulator.world import bind_camera, load_model
@@ -129,10 +130,9 @@ def test_options(words: list[str], said: str, capsys: pytest.CaptureFixture[str]
 
 @pytest.mark.parametrize(("closed", "code"), [(">&-", 2), ("2>&-", 0)])
 def test_closed_standard_streams(closed: str, code: int) -> None:
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
     ended = subprocess.run(
         ["sh", "-c", f'exec "$@" {closed}', "sh", sys.executable, "-m", "evs.launch.main", "help"],
-        env={**os.environ, "PYTHONPATH": search},
+        env={**os.environ, "PYTHONPATH": search_path()},
         capture_output=True,
         text=True,
         timeout=120,

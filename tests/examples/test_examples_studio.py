@@ -19,6 +19,7 @@ import pytest
 import evs
 from evs.drivers.bus.address import free_address
 from evs.drivers.clock import monotonic_s, sleep_s
+from evs.drivers.search_path import search_path
 from evs.msgs import make_events
 from evs.msgs.pictures import OFF_RGB, ON_RGB
 
@@ -175,8 +176,7 @@ def test_it_runs_in_studio_without_a_display(tmp_path: Path) -> None:
         f"--model={tmp_path / 'ball.xml'}",
         f"--plugins={tmp_path / 'probe.py'},{FILE}",
     ]
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
-    environment = {**os.environ, "PYTHONPATH": search, "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {**os.environ, "PYTHONPATH": search_path(), "PYTHONDONTWRITEBYTECODE": "1"}
     log = tmp_path / "log"
     with log.open("w") as output:
         studio = subprocess.Popen(

@@ -18,6 +18,7 @@ import pytest
 
 from evs.drivers.run.config import PipelineConfig
 from evs.drivers.run.config_keys import describe
+from evs.drivers.search_path import search_path
 from evs.launch import main
 from evs.launch.commands import emulate
 from evs.msgs import EvsError
@@ -252,7 +253,7 @@ def test_a_deleted_working_folder_is_one_line(tmp_path: Path) -> None:
     folder = tmp_path / "gone"
     folder.mkdir()
     line = f"cd {folder}; rmdir {folder}; '{sys.executable}' -m evs doctor --quick"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    environment = {**os.environ, "PYTHONPATH": search_path()}
     ended = subprocess.run(
         ["bash", "-c", line], env=environment, capture_output=True, text=True, timeout=60
     )
@@ -270,7 +271,7 @@ def test_what_a_terminal_cannot_show_becomes_a_question_mark(tmp_path: Path) -> 
     environment = {
         **os.environ,
         "PYTHONIOENCODING": "ascii",
-        "PYTHONPATH": os.pathsep.join(sys.path),
+        "PYTHONPATH": search_path(),
     }
     ended = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60

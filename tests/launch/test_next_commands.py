@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import os
 import shlex
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from evs.drivers.search_path import search_path
 from evs.launch import main
 from evs.launch.commands import emulate, info
 from evs.launch.support.reinvoke import program
@@ -94,7 +93,7 @@ def printed(out: str) -> list[str]:
 
 
 def shell(line: str) -> str:
-    path = {"PATH": "/usr/bin:/bin", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    path = {"PATH": "/usr/bin:/bin", "PYTHONPATH": search_path()}
     done = subprocess.run(
         ["bash", "-c", line], env=path, capture_output=True, text=True, timeout=60, check=False
     )

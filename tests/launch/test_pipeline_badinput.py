@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from evs.drivers.search_path import search_path
 from evs.launch import main
 
 pytestmark = pytest.mark.extremes
@@ -46,8 +47,7 @@ def folder(tmp_path: Path) -> Path:
 
 def emulate(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "evs.launch.main", "emulate", *words]
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
-    environment = {**os.environ, "PYTHONPATH": search, "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {**os.environ, "PYTHONPATH": search_path(), "PYTHONDONTWRITEBYTECODE": "1"}
     return subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, timeout=120
     )

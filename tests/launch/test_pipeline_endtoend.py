@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from evs.drivers.files import read
+from evs.drivers.search_path import search_path
 
 pytestmark = pytest.mark.integration
 
@@ -57,8 +58,7 @@ def command(*words: str) -> list[str]:
 
 
 def environment() -> dict[str, str]:
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
-    return {**os.environ, "PYTHONPATH": search, "PYTHONDONTWRITEBYTECODE": "1"}
+    return {**os.environ, "PYTHONPATH": search_path(), "PYTHONDONTWRITEBYTECODE": "1"}
 
 
 def emulate(

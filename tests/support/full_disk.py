@@ -7,10 +7,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+from evs.drivers.search_path import search_path
+
 BYTES = 300_000
 
 _PROGRAM = """
 import resource, sys
+from evs.drivers.search_path import search_path
 from evs.drivers import viewer
 from evs.drivers.sink import SinkStoppedError
 from evs.msgs import EventPacket, StreamInfo, make_events
@@ -35,10 +38,9 @@ except SinkStoppedError as error:
 
 def fill(sink: str, option: str, file: Path) -> str:
     """Write events in a process of its own until BYTES bytes are full; what the sink then says."""
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
     done = subprocess.run(
         [sys.executable, "-c", _PROGRAM, sink, option, str(file), str(BYTES)],
-        env={**os.environ, "PYTHONPATH": search, "PYTHONDONTWRITEBYTECODE": "1"},
+        env={**os.environ, "PYTHONPATH": search_path(), "PYTHONDONTWRITEBYTECODE": "1"},
         capture_output=True,
         text=True,
         timeout=60,

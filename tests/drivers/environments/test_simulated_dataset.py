@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 import evs
+from evs.drivers.search_path import search_path
 from evs.emulator.representations import padded_packet
 from evs.msgs import EvsError
 from reference.memory import resident_bytes
@@ -395,7 +396,7 @@ def test_ctrl_c_ends_it_and_its_workers(where: str, tmp_path: Path) -> None:
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        env={**os.environ, "PYTHONPATH": search_path()},
     )
     assert program.stdout is not None
     assert program.stdout.readline() == "4\n"
@@ -439,7 +440,7 @@ def grown(is_kept: bool) -> float:
 def test_batches_leave_no_memory_behind(case: str) -> None:
     done = subprocess.run(
         [sys.executable, __file__, case],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        env={**os.environ, "PYTHONPATH": search_path()},
         capture_output=True,
         text=True,
         timeout=120,

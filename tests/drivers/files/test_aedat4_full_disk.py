@@ -15,6 +15,7 @@ import pytest
 
 from evs.drivers.files import read, summary
 from evs.drivers.files.multi_file import later_parts
+from evs.drivers.search_path import search_path
 
 pytestmark = pytest.mark.extremes
 
@@ -51,8 +52,7 @@ def on_full_disk(folder: Path, disk: Path, command: list[str]) -> subprocess.Com
     A tmpfs where one can be mounted, else a limit on a file's size, which is the same to a process:
     a short write, then an error.
     """
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
-    environment = {**os.environ, "PYTHONPATH": search, "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {**os.environ, "PYTHONPATH": search_path(), "PYTHONDONTWRITEBYTECODE": "1"}
     kept = folder / "kept"
     kept.mkdir()
     disk.mkdir()

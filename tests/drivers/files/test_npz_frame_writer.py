@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 from evs.drivers.files.npz import zip_archive
 from evs.drivers.files.npz.frame_writer import FrameArray, NpzFrameWriter
+from evs.drivers.search_path import search_path
 from evs.msgs import EvsError
 
 CHANNELS = {
@@ -135,10 +136,9 @@ writer.write({{"x": np.full(3, 7), "y": np.full((2, 2), 7)}})
 @pytest.mark.parametrize("writes", [0, 1])
 def test_a_killed_process_leaves_its_frames(tmp_path: Path, writes: int) -> None:
     path = tmp_path / "a.npz"
-    search = os.pathsep.join(entry for entry in sys.path if entry)
     program = KILLED.format(path=str(path), writes=writes)
     done = subprocess.run(
-        [sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": search}, timeout=60
+        [sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": search_path()}, timeout=60
     )
     assert done.returncode == -9
     with np.load(path) as file:

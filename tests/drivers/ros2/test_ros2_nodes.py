@@ -20,6 +20,7 @@ from evs.drivers.clock import sleep_s
 from evs.drivers.files.bags.library import typestore
 from evs.drivers.files.bags.records import BagScan, scan_mcap
 from evs.drivers.ros2 import Ros2Publisher
+from evs.drivers.search_path import search_path
 from evs.msgs import EventPacket, StreamInfo, make_events
 from evs.msgs.codecs import PayloadReader
 from links.link import Link
@@ -217,10 +218,9 @@ def test_nodes_on_cyclone_dds_that_stay_on_this_machine_find_it(
     """Configured as ROS 2 configures them: by one interface, or without multicast."""
     domain = DOMAIN + 1
     text = f"<CycloneDDS><Domain><General>{general}</General>{discovery}</Domain></CycloneDDS>"
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
     node = subprocess.Popen(
         [sys.executable, "-W", "error", "-c", NODE, str(domain), text],
-        env={**os.environ, "PYTHONPATH": search},
+        env={**os.environ, "PYTHONPATH": search_path()},
         stdout=-1,
         text=True,
     )

@@ -8,7 +8,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,6 +18,7 @@ from evs.drivers.clock import monotonic_s, sleep_s
 from evs.drivers.files.bags.library import typestore
 from evs.drivers.ros2 import Ros2Publisher
 from evs.drivers.ros2.names import GLOBAL, PRIVATE, Quality
+from evs.drivers.search_path import search_path
 from evs.drivers.sink import Stream
 from evs.msgs import (
     EventPacket,
@@ -396,10 +396,9 @@ time.sleep(600)
 
 def test_a_reader_whose_process_is_stopped_holds_up_nobody(opened: Any) -> None:
     """It confirms nothing: a writer that waited for it would send no more, or drop messages."""
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
     node = subprocess.Popen(
         [sys.executable, "-c", STILL, str(DOMAIN)],
-        env={**os.environ, "PYTHONPATH": search},
+        env={**os.environ, "PYTHONPATH": search_path()},
         stdout=-1,
         text=True,
     )

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from evs.drivers.clock import monotonic_s, sleep_s
+from evs.drivers.search_path import search_path
 
 pytestmark = pytest.mark.integration
 
@@ -195,11 +196,10 @@ def test_one_that_cannot_start_stops_the_others_as_well_as_ever(tmp_path: Path) 
 def test_files_of_the_folder_are_not_imported_by_mistake(tmp_path: Path) -> None:
     (tmp_path / "socket.py").write_text("raise SystemExit('the wrong one')")
     (tmp_path / "launch.toml").write_text(node("good", "print('x')"))
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
     done = subprocess.run(
         [sys.executable, "-P", "-m", "evs.launch.main", "launch", "launch.toml"],
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": search},
+        env={**os.environ, "PYTHONPATH": search_path()},
         capture_output=True,
         text=True,
         timeout=60,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import resource
 import signal
 import subprocess
@@ -13,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+from evs.drivers.search_path import search_path
 
 pytestmark = pytest.mark.integration
 
@@ -30,8 +31,7 @@ SCENE = """
 def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """An hour at every tick: it does not end by itself."""
     (tmp_path / "ball.xml").write_text(SCENE)
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
-    monkeypatch.setenv("PYTHONPATH", search)
+    monkeypatch.setenv("PYTHONPATH", search_path())
     monkeypatch.chdir(tmp_path)
     program = [sys.executable, "-m", "evs.launch.main", "render", "--scene", "ball.xml"]
     return [*program, "--size", "8x6", "--fps", "tick", "--duration", "20", "-o", "a.npz"]

@@ -16,6 +16,7 @@ import pytest
 
 from evs.drivers.bus.address import free_address
 from evs.drivers.files import read, summary
+from evs.drivers.search_path import search_path
 
 pytestmark = pytest.mark.integration
 
@@ -39,8 +40,7 @@ ENDLESS = ("--duration", "600", "--pace", "realtime")
 
 
 def environment() -> dict[str, str]:
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
-    return {**os.environ, "PYTHONPATH": search, "PYTHONDONTWRITEBYTECODE": "1"}
+    return {**os.environ, "PYTHONPATH": search_path(), "PYTHONDONTWRITEBYTECODE": "1"}
 
 
 @pytest.fixture

@@ -22,6 +22,7 @@ import pytest
 from evs.drivers.bus.address import free_address
 from evs.drivers.clock import monotonic_s, sleep_s
 from evs.drivers.run import config as pipeline
+from evs.drivers.search_path import search_path
 from evs.drivers.viewer import FoxgloveSink
 from evs.drivers.viewer.outbox import Letter
 from evs.launch import main as program
@@ -584,7 +585,6 @@ def test_nothing_else_imports_foxglove() -> None:
         "import sys, evs, evs.drivers.viewer, evs.drivers.run.config\n"
         "assert 'foxglove' not in sys.modules\n"
     )
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
-    environment = {**os.environ, "PYTHONPATH": search, "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {**os.environ, "PYTHONPATH": search_path(), "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True)
     assert done.returncode == 0, done.stderr

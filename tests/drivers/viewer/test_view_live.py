@@ -10,12 +10,12 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from evs.drivers.bus import Publisher
+from evs.drivers.search_path import search_path
 from evs.launch import main as program
 from evs.msgs import EventPacket, StreamInfo, make_events
 
@@ -79,8 +79,7 @@ def test_a_terminal_is_drawn_over_and_left_as_it_was() -> None:
     address = free_address()
     thread = publishing(address, [STREAM, StreamInfo(64, 48, camera="ear")], 300)
     ours, theirs = pty.openpty()
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
-    environment = {**os.environ, "PYTHONPATH": search, "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {**os.environ, "PYTHONPATH": search_path(), "PYTHONDONTWRITEBYTECODE": "1"}
     environment |= {"COLUMNS": "70", "LINES": "30", "PYTHONUTF8": "1"}
     words = ["view", "--live", address, "--sketch", "--timeout", "20"]
     process = subprocess.Popen(

@@ -22,6 +22,7 @@ import pytest
 from evs.drivers.bus import Publisher
 from evs.drivers.bus.address import free_address
 from evs.drivers.run import config as pipeline
+from evs.drivers.search_path import search_path
 from evs.drivers.viewer import ViewSink
 from evs.launch import main as program
 from evs.launch.support import live_view
@@ -251,8 +252,7 @@ def test_the_viewer_in_a_browser(tmp_path: Path) -> None:
     opening = threading.Thread(target=publisher.open, args=([STREAM],))
     opening.start()
     words = ["-m", "evs.launch.main", "view", "--live", address, "--rerun-web", "--timeout", "60"]
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
-    environment = {**os.environ, "PYTHONPATH": search, "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {**os.environ, "PYTHONPATH": search_path(), "PYTHONDONTWRITEBYTECODE": "1"}
     viewing = subprocess.Popen(
         [sys.executable, *words], env=environment, stderr=subprocess.PIPE, text=True
     )
@@ -421,8 +421,7 @@ def test_nothing_else_imports_rerun() -> None:
         "except SystemExit: pass\n"
         "assert 'rerun' not in sys.modules and 'pyarrow' not in sys.modules\n"
     )
-    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
-    environment = {**os.environ, "PYTHONPATH": search, "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {**os.environ, "PYTHONPATH": search_path(), "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True)
     assert done.returncode == 0, done.stderr
 

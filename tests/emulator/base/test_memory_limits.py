@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from evs.drivers.search_path import search_path
 from evs.emulator.base import memory_limits
 from evs.emulator.base.memory_limits import address_space
 from evs.emulator.evsnet.state import check_growth
@@ -82,7 +83,7 @@ def test_a_limit_on_address_space() -> None:
         ["sh", "-c", f"ulimit -v 4000000; exec {sys.executable} -c "
          "'from evs.emulator.base.memory_limits import memory_gb; print(memory_gb()[0])'"],
         capture_output=True, text=True, check=True,
-        env={"PYTHONPATH": ":".join(filter(None, sys.path))},
+        env={"PYTHONPATH": search_path()},
     ).stdout  # fmt: skip
     assert float(said) == pytest.approx(4.096)
 

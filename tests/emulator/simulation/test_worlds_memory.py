@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from evs.drivers.search_path import search_path
 from evs.emulator import Worlds
 from evs.emulator.config import SensorConfig
 from evs.emulator.simulation.stacked_arrays import StackedArrays
@@ -111,7 +112,7 @@ def test_steps_and_resets_leave_no_memory_behind(case: str) -> None:
     # what tests before left free would hide what is kept
     done = subprocess.run(
         [sys.executable, __file__, case],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        env={**os.environ, "PYTHONPATH": search_path()},
         capture_output=True,
         text=True,
         timeout=300,

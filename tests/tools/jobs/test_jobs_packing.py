@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import evs
+from evs.drivers.search_path import search_path
 from evs.msgs import EvsError
 from evs.tools.jobs import run_jobs
 from evs.tools.jobs.packing import PIECE_BYTES, FileEntry, Message, StreamEnd, Unpacker, pack
@@ -163,7 +164,7 @@ def test_nothing_of_ray_is_imported_where_no_cluster_is_asked_for(tmp_path: Path
         "try:\n    run_jobs([One('b')], Path(sys.argv[1]), ray='auto')\n"
         "except EvsError as error:\n    print(error)\n"
     )
-    environment = dict(os.environ, PYTHONPATH=os.pathsep.join(path for path in sys.path if path))
+    environment = dict(os.environ, PYTHONPATH=search_path())
     ran = subprocess.run(
         [sys.executable, "-c", text, tmp_path],
         capture_output=True,

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from evs.drivers.clock import monotonic_s
+from evs.drivers.search_path import search_path
 from evs.msgs import EvsError
 from evs.tools.jobs import JobSummary, run_jobs, run_units
 from evs.tools.jobs.target_folder import PREFIX
@@ -288,7 +289,7 @@ def test_the_program_of_the_page_runs(tmp_path: Path) -> None:
     program, _ = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     program = program.replace("...   ", '(folder / "film").write_text(str(job_threads()))   ')
     (tmp_path / "films.py").write_text(program.replace("range(100)", "range(9)"))
-    environment = dict(os.environ, PYTHONPATH=os.pathsep.join(path for path in sys.path if path))
+    environment = dict(os.environ, PYTHONPATH=search_path())
     subprocess.run([sys.executable, "films.py"], cwd=tmp_path, check=True, env=environment)
     assert sorted(path.name for path in (tmp_path / "out/street").iterdir()) == [
         f"{seed:04d}" for seed in range(9)

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from evs.drivers.clock import monotonic_s, sleep_s
+from evs.drivers.search_path import search_path
 from evs.tools.jobs import run_jobs
 from evs.tools.jobs.target_folder import PREFIX
 from speed import jobs
@@ -60,7 +61,7 @@ def started(tmp_path: Path, seconds: float) -> subprocess.Popen[str]:
         stderr=subprocess.DEVNULL,
         text=True,
         start_new_session=True,
-        env=dict(os.environ, PYTHONPATH=os.pathsep.join(p for p in sys.path if p)),
+        env=dict(os.environ, PYTHONPATH=search_path()),
     )
     assert program.stdout is not None
     assert program.stdout.readline() == "ready\n"
