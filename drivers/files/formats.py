@@ -23,6 +23,7 @@ from evs.msgs.codecs import (
     LONGEST_US,
     MAX_SIDE_DAT_PX,
     MAX_SIDE_EVT_PX,
+    PAYLOADS,
     TIME_ORIGIN_US,
 )
 from evs.msgs.registry import load
@@ -146,6 +147,9 @@ class Format:
 
 _ROS = Capabilities(first_us=0, latest_us=LAST_ROS_US, frames=True, imu=True)
 _ROS_EVT3 = replace(_ROS, last_us=LONGEST_US - TIME_ORIGIN_US - 1, from_start=True)
+_BAG_ENCODINGS = {"dvs": _ROS} | {
+    name: _ROS_EVT3 if codec.has_clock else _ROS for name, codec in PAYLOADS.items()
+}
 _TXT = Capabilities(first_us=0, latest_us=2**33 * 1_000_000 - 1)
 """seconds as float64, which resolve 1 us up to there"""
 _EVT = Capabilities(MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, 0, LONGEST_US - 1, from_start=True)
@@ -251,7 +255,7 @@ FORMATS: tuple[Format, ...] = (
         recorder="evs.drivers.files.bags.recorder:Ros2Recorder",
         read_options=("stream",),
         capabilities=_ROS_EVT3,
-        capabilities_by_encoding=dict.fromkeys(("libcaer", "libcaer_cmp", "mono", "dvs"), _ROS),
+        capabilities_by_encoding=_BAG_ENCODINGS,
         options=(
             *("encoding", "node", "namespace"),
             *("camera_frame_id", "imu_frame_id", "link_frame_id", "world_frame", "tf", "tf_static"),
@@ -267,7 +271,7 @@ FORMATS: tuple[Format, ...] = (
         recorder="evs.drivers.files.bags.recorder:Ros1Recorder",
         read_options=("stream",),
         capabilities=_ROS,
-        capabilities_by_encoding={"evt3": _ROS_EVT3},
+        capabilities_by_encoding=_BAG_ENCODINGS,
         options=("encoding",),
         extra="ros2",
     ),

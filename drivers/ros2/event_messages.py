@@ -7,13 +7,6 @@ from dataclasses import dataclass
 from evs.msgs import EventPacket, EvsError
 from evs.msgs.codecs import LAST_ROS_US, PAYLOADS, TIME_ORIGIN_US, PayloadWriter
 
-LONGEST_S = 1000.0
-"""A message in `libcaer` has 31 bits for the us, which wrap; decoders expect no longer message."""
-
-LONGEST_BY_ENCODING_S = {"mono": 4.0, "libcaer_cmp": 16.0}
-"""A message has so many bits since its first event: in `mono` 32 for ns, in `libcaer_cmp` 24 for
-us."""
-
 
 @dataclass(frozen=True)
 class EventMessage:
@@ -45,22 +38,18 @@ class EventMessageBuilder:
         Raises:
             EvsError: A threshold is out of range.
         """
-        if not 0 <= time_threshold_s <= LONGEST_S:
-            raise EvsError(
-                f"event_message_time_threshold is {time_threshold_s:g} s: give 0 (a message a "
-                f"tick) ... {LONGEST_S:g}"
-            )
-        longest_s = LONGEST_BY_ENCODING_S.get(encoding, LONGEST_S)
-        if time_threshold_s > longest_s:
+        self._writer = PayloadWriter(encoding, time_origin_us=TIME_ORIGIN_US - start_us)
+        longest_s = PAYLOADS[encoding].longest_s
+        if not 0 <= time_threshold_s <= longest_s:
             raise EvsError(
                 f"event_message_time_threshold is {time_threshold_s:g} s, a message in {encoding} "
-                f"spans {longest_s:g} s at most: give less, or encoding = evt3"
+                f"spans {longest_s:g} s at most: give less, 0 (a message a tick) or more, or "
+                "encoding = evt3"
             )
         if size_threshold < 1:
             raise EvsError(
                 f"event_message_size_threshold is {size_threshold}: give the bytes, 1 or more"
             )
-        self._writer = PayloadWriter(encoding, time_origin_us=TIME_ORIGIN_US - start_us)
         self._time_us = round(time_threshold_s * 1e6)
         self._size = size_threshold
         self._parts: list[bytes] = []
@@ -109,7 +98,7 @@ def check_start(start_us: int, camera: str) -> None:
 
 def check_size(encoding: str, width: int, height: int, camera: str) -> None:
     """Check the size of a sensor. EvsError: the encoding has too few bits for it."""
-    limits = PAYLOADS[encoding]
+    limits = PAYLOADS[encoding].limits
     if width > limits.width or height > limits.height:
         raise EvsError(
             f"camera '{camera}' has {width} x {height} px, {limits.name} holds {limits.width} x "

@@ -95,8 +95,7 @@ class SinkConfig(DriverParameters):
     compression: str | None = None
     """aedat4, dv: lz4 | zstd | none"""
     encoding: str | None = None
-    """ros2, foxglove, rosbag2, rosbag1: evt3 | libcaer | libcaer_cmp | mono (event_camera_msgs);
-    bags: dvs (dvs_msgs)"""
+    """ros2, foxglove, rosbag2, rosbag1: of events, as `evs convert --help` lists them"""
     rotate_mb: float | None = None
     """aedat4: largest size of a file, MB; the recording continues in run-001.aedat4, ..."""
     rotate_s: float | None = None

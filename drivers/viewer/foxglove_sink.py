@@ -43,7 +43,7 @@ class FoxgloveSink(PictureSink):
             address: tcp://HOST:PORT to serve; or give mcap.
             mcap: File to write, ending in .mcap; replaced at open.
             period_us: Simulated time from one picture, rate and event message to the next, us.
-            encoding: Of the events: evt3, libcaer, libcaer_cmp or mono.
+            encoding: Of the events, a key of PAYLOADS.
             queue: Messages that may wait for the thread that sends them, and for each client.
             wait_for: Clients that `open` waits for.
             wait_s: How long it waits, s.

@@ -95,7 +95,7 @@ class FoxgloveDrawing:
 
         Args:
             queue: Messages that may wait.
-            encoding: Of the events: evt3, libcaer or mono.
+            encoding: Of the events, a key of PAYLOADS.
             period_us: Simulated time that an event message spans, us.
             lossless: Whether the camera waits where the queue is full, instead of dropping.
         """

@@ -79,6 +79,9 @@ _STEPS = 1000
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The command line of `evs convert`."""
+    from evs.msgs.codecs import PAYLOADS
+
+    names = ", ".join(f"{name} ({codec.about})" for name, codec in PAYLOADS.items())
     parser.add_argument("source", metavar="IN", help="a recording, a film or a folder of frames")
     parser.add_argument(
         "target", metavar="OUT", help="the file to write; its ending selects the format"
@@ -92,7 +95,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--encoding",
         metavar="NAME",
-        help="encoding in ROS bags: evt3, libcaer, libcaer_cmp, mono or dvs",
+        help=f"encoding in ROS bags: {names} or dvs (dvs_msgs)",
     )
     parser.add_argument(
         "--events-only",

@@ -1,5 +1,6 @@
 """Event encodings of cameras and of ROS, in NumPy: arrays in, bytes out, and back."""
 
+from evs.msgs.codecs.codec import Codec, Payload
 from evs.msgs.codecs.dat import MAX_SIDE_DAT_PX, DatState, decode_dat, encode_dat
 from evs.msgs.codecs.evt2 import (
     Evt2State,
@@ -10,15 +11,6 @@ from evs.msgs.codecs.evt2 import (
     encode_evt21,
 )
 from evs.msgs.codecs.evt3 import Evt3State, decode_evt3, encode_evt3
-from evs.msgs.codecs.libcaer import (
-    Payload,
-    decode_libcaer,
-    decode_libcaer_cmp,
-    decode_mono,
-    encode_libcaer,
-    encode_libcaer_cmp,
-    encode_mono,
-)
 from evs.msgs.codecs.limits import (
     LAST_ROS_US,
     LONGEST_US,
@@ -36,6 +28,7 @@ __all__ = [
     "MAX_SIDE_EVT_PX",
     "PAYLOADS",
     "TIME_ORIGIN_US",
+    "Codec",
     "DatState",
     "EncodingLimits",
     "Evt2State",
@@ -49,14 +42,8 @@ __all__ = [
     "decode_evt2",
     "decode_evt3",
     "decode_evt21",
-    "decode_libcaer",
-    "decode_libcaer_cmp",
-    "decode_mono",
     "encode_dat",
     "encode_evt2",
     "encode_evt3",
     "encode_evt21",
-    "encode_libcaer",
-    "encode_libcaer_cmp",
-    "encode_mono",
 ]

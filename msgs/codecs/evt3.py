@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from evs.msgs.codecs.codec import Codec, Payload
 from evs.msgs.codecs.counter_wraps import encode_in_blocks, insert_counter_words, unwrap_counter
 from evs.msgs.codecs.limits import (
     LONGEST_US,
@@ -214,3 +215,34 @@ def _with_vectors(
     sign = np.where(single, word >> 11 & 1, signs[number[places]]).astype(np.int8)
     end = int(moved[-1]) if len(moved) else 0
     return places[row], first[row] + k, sign[row], int(bases[-1]) + end, int(signs[-1])
+
+
+class Evt3(Codec):
+    """evt3 in event_camera_msgs, whose time base is 0: the words hold the time."""
+
+    limits = EVT3
+    about = "metavision_driver's"
+    has_clock = True
+
+    def __init__(self, time_origin_us: int) -> None:
+        """Start a stream."""
+        super().__init__(time_origin_us)
+        self._after_us = -time_origin_us
+        self._state = Evt3State()
+
+    def encode(self, events: Events, time_base_us: int | None) -> Payload:
+        """Encode a packet; its words continue the last one's."""
+        del time_base_us
+        data = encode_evt3(events, time_origin_us=self.time_origin_us, after_us=self._after_us)
+        if len(events):
+            self._after_us = int(events["t"][-1])
+        return Payload(0, data)
+
+    def decode(self, data: Any, time_base_ns: int, triggers: list[Triggers] | None) -> Events:
+        """Decode a packet, or any piece of one of whole words."""
+        del time_base_ns
+        events, self._state = decode_evt3(
+            data, self._state, time_origin_us=self.time_origin_us, triggers=triggers
+        )
+        self.skipped = self._state.skipped
+        return events

@@ -1,34 +1,30 @@
-"""Payloads of event_camera_msgs/EventPacket: writer and reader for each encoding."""
+"""Payloads of event_camera_msgs/EventPacket: the encodings, a writer and a reader."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from evs.msgs.codecs.evt3 import EVT3, Evt3State, decode_evt3, encode_evt3
-from evs.msgs.codecs.libcaer import (
-    LIBCAER,
-    LIBCAER_CMP,
-    MONO,
-    Payload,
-    decode_libcaer,
-    decode_libcaer_cmp,
-    decode_mono,
-    encode_libcaer,
-    encode_libcaer_cmp,
-    encode_mono,
-)
-from evs.msgs.codecs.limits import TIME_ORIGIN_US, EncodingLimits
+from evs.msgs.codecs.codec import Codec, Payload
+from evs.msgs.codecs.evt3 import Evt3
+from evs.msgs.codecs.libcaer import Libcaer, LibcaerCompressed, Mono
+from evs.msgs.codecs.limits import TIME_ORIGIN_US
 from evs.msgs.errors import unknown
 from evs.msgs.event import Events
 from evs.msgs.trigger import Triggers
 
-PAYLOADS: dict[str, EncodingLimits] = {
-    "evt3": EVT3,
-    "libcaer": LIBCAER,
-    "libcaer_cmp": LIBCAER_CMP,
-    "mono": MONO,
+PAYLOADS: dict[str, type[Codec]] = {
+    "evt3": Evt3,
+    "libcaer": Libcaer,
+    "libcaer_cmp": LibcaerCompressed,
+    "mono": Mono,
 }
-"""name of an encoding -> what it can hold"""
+"""name of an encoding, as event_camera_codecs has it -> what writes and reads it"""
+
+
+def _codec(encoding: str, time_origin_us: int) -> Codec:
+    if encoding not in PAYLOADS:
+        raise unknown("encoding", encoding, PAYLOADS)
+    return PAYLOADS[encoding](time_origin_us)
 
 
 class PayloadWriter:
@@ -44,10 +40,7 @@ class PayloadWriter:
         Raises:
             EvsError: The encoding is unknown.
         """
-        if encoding not in PAYLOADS:
-            raise unknown("encoding", encoding, PAYLOADS)
-        self.encoding, self.time_origin_us = encoding, time_origin_us
-        self._after_us = -time_origin_us
+        self.encoding, self._codec = encoding, _codec(encoding, time_origin_us)
 
     def payload(self, events: Events, time_base_us: int | None = None) -> Payload:
         """Encode the next packet.
@@ -63,16 +56,7 @@ class PayloadWriter:
         Raises:
             MessageError: The events do not fit into the encoding.
         """
-        if self.encoding == "mono":
-            return encode_mono(events, time_base_us)
-        if self.encoding == "libcaer":
-            return encode_libcaer(events)
-        if self.encoding == "libcaer_cmp":
-            return encode_libcaer_cmp(events, time_base_us)
-        data = encode_evt3(events, time_origin_us=self.time_origin_us, after_us=self._after_us)
-        if len(events):
-            self._after_us = int(events["t"][-1])
-        return Payload(0, data)
+        return self._codec.encode(events, time_base_us)
 
 
 class PayloadReader:
@@ -88,15 +72,12 @@ class PayloadReader:
         Raises:
             EvsError: The encoding is unknown.
         """
-        if encoding not in PAYLOADS:
-            raise unknown("encoding", encoding, PAYLOADS)
-        self.encoding, self.time_origin_us = encoding, time_origin_us
-        self._state = Evt3State()
+        self.encoding, self._codec = encoding, _codec(encoding, time_origin_us)
 
     @property
     def skipped(self) -> int:
         """Events so far that came before the first time stamp."""
-        return self._state.skipped
+        return self._codec.skipped
 
     def events(
         self, data: Any, time_base_ns: int, triggers: list[Triggers] | None = None
@@ -111,14 +92,4 @@ class PayloadReader:
         Returns:
             (n,) events in the order sent, which may be unsorted.
         """
-        if self.encoding == "mono":
-            return decode_mono(data, time_base_ns)
-        if self.encoding == "libcaer":
-            return decode_libcaer(data, time_base_ns)
-        if self.encoding == "libcaer_cmp":
-            return decode_libcaer_cmp(data, time_base_ns)
-        origin = self.time_origin_us
-        events, self._state = decode_evt3(
-            data, self._state, time_origin_us=origin, triggers=triggers
-        )
-        return events
+        return self._codec.decode(data, time_base_ns, triggers)

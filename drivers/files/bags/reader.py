@@ -66,8 +66,7 @@ MAX_SAMPLES_TOGETHER = 1000
 """most IMU samples in one message"""
 
 _PIECE_BYTES = 1 << 20
-_MOST_BYTES = {"libcaer_cmp": 1 << 24}
-"""most bytes of a packet whose bytes are many events each; evt3 is decoded in pieces"""
+"""bytes of a stream that are decoded at once"""
 
 Message = Events | Frame | ImuSamples | Triggers
 
@@ -239,7 +238,8 @@ class BagFile(MultiStreamFile):
         origin = ours.get("time_origin_us", 0)
         self.time_origin_us = origin if isinstance(origin, int) and abs(origin) < 1 << 53 else 0
         # ours hold none
-        if not ours and getattr(first, "encoding", "") == "evt3":
+        codec = PAYLOADS.get(getattr(first, "encoding", ""))
+        if not ours and codec is not None and codec.has_clock:
             self.stream = dataclasses.replace(self.stream, triggers=self._has_triggers())
 
     def _has_triggers(self) -> bool:
@@ -307,9 +307,10 @@ class BagFile(MultiStreamFile):
         if name not in readers:
             readers[name] = PayloadReader(name, time_origin_us=self.time_origin_us)
         data = np.ascontiguousarray(message.events)
-        if len(data) > _MOST_BYTES.get(name, len(data)):
+        codec = PAYLOADS[name]
+        if len(data) > codec.most_bytes:
             raise BadMessageError(f"a packet of {name} has {len(data)} bytes")
-        each = _PIECE_BYTES if name == "evt3" else max(1, len(data))
+        each = _PIECE_BYTES if codec.has_clock else max(1, len(data))
         for begin in range(0, len(data), each):
             piece = data[begin : begin + each]
             yield readers[name].events(piece, int(message.time_base), triggers)

@@ -118,8 +118,9 @@ class _BagRecorder(LibraryRecorder):
         encoding = self._encoding or self._default_encoding()
         if encoding not in (*PAYLOADS, DVS):
             raise unknown("encoding", encoding, (*PAYLOADS, DVS))
+        clock_us = 0
         if encoding != DVS:
-            limits = PAYLOADS[encoding]
+            limits = PAYLOADS[encoding].limits
             if self.stream.width > limits.width or self.stream.height > limits.height:
                 size = f"{self.stream.width} x {self.stream.height}"
                 raise EvsError(
@@ -127,6 +128,7 @@ class _BagRecorder(LibraryRecorder):
                     f"{limits.width} x {limits.height}; set encoding = libcaer"
                 )
             origin_us = TIME_ORIGIN_US - self.stream.start_us
+            clock_us = origin_us if PAYLOADS[encoding].has_clock else 0
             self._payloads = PayloadWriter(encoding, time_origin_us=origin_us)
         self._store = typestore(self.ROS)
         path_of_node = node_path(self._node or as_name(self.stream.camera), self._namespace, "")
@@ -140,7 +142,7 @@ class _BagRecorder(LibraryRecorder):
         self._topic = self._connect(f"{self._prefix}/events", kind)
         description = {
             "stream": dataclasses.asdict(self.stream),
-            "time_origin_us": TIME_ORIGIN_US - self.stream.start_us if encoding == "evt3" else 0,
+            "time_origin_us": clock_us,
         }
         text = self._store.types[TEXT](data=json.dumps(description, default=str))
         about = self._connect(f"{self._prefix}/{STREAM_TOPIC}", TEXT)
@@ -327,7 +329,7 @@ class Ros2Recorder(_BagRecorder):
     NAME, ROS = "rosbag2", 2
 
     def _default_encoding(self) -> str:
-        limits = PAYLOADS["evt3"]
+        limits = PAYLOADS["evt3"].limits
         fits = self.stream.width <= limits.width and self.stream.height <= limits.height
         return "evt3" if fits else "libcaer"
 

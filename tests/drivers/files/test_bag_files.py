@@ -21,7 +21,7 @@ from evs.drivers.files.bags.records import ros1_chunk
 from evs.drivers.files.integrity import DamagedPacketWarning, TornTailWarning
 from evs.launch.main import main
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
-from evs.msgs.codecs import PayloadWriter
+from evs.msgs.codecs import PAYLOADS, PayloadWriter
 
 STREAM = StreamInfo(640, 480, camera="left")
 DEFINITION = """std_msgs/Header header
@@ -129,7 +129,7 @@ def packets_of(parts: list[Events], encoding: str, topic: str) -> Callable[[Send
 
 
 @pytest.mark.parametrize("name", ["a.mcap", "a.bag"])
-@pytest.mark.parametrize("encoding", ["evt3", "libcaer", "libcaer_cmp", "mono"])
+@pytest.mark.parametrize("encoding", PAYLOADS)
 @pytest.mark.parametrize("compression", ["", "lz4", "bz2"])
 def test_bags_of_others_whatever_their_compression(
     name: str, encoding: str, compression: str, tmp_path: Path

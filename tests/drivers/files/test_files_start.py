@@ -16,6 +16,7 @@ from evs.launch.main import main
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
 from evs.msgs.codecs import (
     LAST_ROS_US,
+    PAYLOADS,
     TIME_ORIGIN_US,
     PayloadReader,
     decode_evt3,
@@ -145,7 +146,7 @@ def test_a_format_that_cannot_tell_a_time_refuses_it_without_its_begin(tmp_path:
         recorded(tmp_path / "run.mcap", stream_of(late), events_from(late))
 
 
-@pytest.mark.parametrize("encoding", ["evt3", "libcaer", "libcaer_cmp", "mono"])
+@pytest.mark.parametrize("encoding", PAYLOADS)
 def test_messages_of_ros_hold_it(encoding: str) -> None:
     events = events_from(UNIX_US)
     builder = EventMessageBuilder(encoding, 0.0, 1_000_000, UNIX_US)

@@ -11,6 +11,7 @@ from evs.drivers import files
 from evs.drivers.files import RECORDED, convert
 from evs.launch.main import main
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
+from evs.msgs.codecs import PAYLOADS
 
 STREAM = StreamInfo(346, 260, camera="eye", sensor="davis346", seed=9, config={"a": [1]})
 FOREIGN = ("evt3", "evt2", "evt21", "dat", "hdf5", "metavision", "rosbag2", "rosbag1")
@@ -68,7 +69,7 @@ def converts(tmp_path: Path, source: str, target: str) -> None:
     assert 0 <= shares[0] <= shares[-1] <= 1
 
 
-@pytest.mark.parametrize("encoding", ["evt3", "libcaer", "libcaer_cmp", "mono", "dvs"])
+@pytest.mark.parametrize("encoding", [*PAYLOADS, "dvs"])
 def test_the_encoding_of_a_bag_can_be_chosen(
     tmp_path: Path, encoding: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

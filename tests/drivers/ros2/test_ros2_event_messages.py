@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from evs.drivers.ros2.event_messages import EventMessageBuilder
 from evs.msgs import EventPacket, make_events
-from evs.msgs.codecs import PayloadReader
+from evs.msgs.codecs import PAYLOADS, PayloadReader
 
 pytestmark = pytest.mark.property
 
@@ -20,7 +20,7 @@ THRESHOLDS_S = st.floats(0, 0.05)
 SIZES = st.integers(1, 500)
 
 
-@pytest.mark.parametrize("encoding", ["evt3", "libcaer", "libcaer_cmp", "mono"])
+@pytest.mark.parametrize("encoding", PAYLOADS)
 @given(counts=COUNTS, tick_us=TICKS, start_us=STARTS, threshold_s=THRESHOLDS_S, size=SIZES)
 def test_messages_hold_every_event_once(
     encoding: str, counts: list[int], tick_us: int, start_us: int, threshold_s: float, size: int

@@ -16,7 +16,7 @@ from evs.drivers.ros2.names import GLOBAL, PRIVATE, quality_of
 from evs.drivers.ros2.sender import Sender, TopicQueue
 from evs.drivers.ros2.statistics import Statistics
 from evs.msgs import EventPacket, Events, EvsError, make_events
-from evs.msgs.codecs import PayloadReader
+from evs.msgs.codecs import PAYLOADS, PayloadReader
 
 PACKETS = 12
 
@@ -44,7 +44,7 @@ def decoded(encoding: str, messages: list[EventMessage]) -> Events:
     return np.concatenate([reader.events(one.data, one.time_base_ns) for one in messages])
 
 
-@pytest.mark.parametrize("encoding", ["evt3", "libcaer", "libcaer_cmp", "mono"])
+@pytest.mark.parametrize("encoding", PAYLOADS)
 # in the last case libcaer's clock wraps in the midst of a message
 @pytest.mark.parametrize("start_us", [0, 5_000_000, 2**31 - 5_000])
 @pytest.mark.parametrize("threshold_s", [0.0, 1e-3, 3e-3, 1.0])

@@ -29,7 +29,7 @@ from evs.msgs import (
     StreamInfo,
     make_events,
 )
-from evs.msgs.codecs import PayloadReader
+from evs.msgs.codecs import PAYLOADS, PayloadReader
 from evs.msgs.imu import empty_imu
 from reference.ros_readers import KINDS, Ears, domains, ns, writers
 from reference.turns import rotation
@@ -108,7 +108,7 @@ def test_it_is_a_sink_of_all_that_ros_has_a_message_for() -> None:
 
 
 @pytest.mark.parametrize("reliable", [False, True])
-@pytest.mark.parametrize("encoding", ["evt3", "libcaer", "libcaer_cmp", "mono"])
+@pytest.mark.parametrize("encoding", PAYLOADS)
 def test_every_topic_is_heard_as_it_was_said(opened: Any, encoding: str, reliable: bool) -> None:
     sink = opened(encoding=encoding, reliable=reliable)
     ears = Ears(DOMAIN, "/eye", tuple(KINDS), reliable)
@@ -190,7 +190,7 @@ def test_simulated_time_never_runs_back_and_nothing_comes_from_the_future(opened
         assert all(ns(one.transforms[0].header.stamp) <= now_ns for one in ears.take("/tf"))
 
 
-@pytest.mark.parametrize("encoding", ["evt3", "libcaer", "libcaer_cmp", "mono"])
+@pytest.mark.parametrize("encoding", PAYLOADS)
 def test_a_loop_that_is_reset_sets_the_clock_back(opened: Any, encoding: str) -> None:
     streams = [StreamInfo(346, 260, name, camera_info=INFO) for name in ("left", "right")]
     more = {"namespace": "rig", "encoding": encoding, "event_message_time_threshold": 1.0}

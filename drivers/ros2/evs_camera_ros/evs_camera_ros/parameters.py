@@ -10,6 +10,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from evs.drivers import settings
 from evs.drivers.run.config import PipelineConfig, load
 from evs.msgs import EvsError
+from evs.msgs.codecs import PAYLOADS
 
 PIPELINE = {
     "scene": ("scene.file", "", "MJCF, MJB or URDF of the world"),
@@ -27,7 +28,7 @@ PIPELINE = {
 is in `config`"""
 
 PUBLISHER = {
-    "encoding": ("evt3", "of events: evt3, libcaer, libcaer_cmp or mono"),
+    "encoding": ("evt3", f"of events: {', '.join(PAYLOADS)}"),
     "camera_frame_id": ("", "frame of events and images; empty: NODE_optical_frame"),
     "imu_frame_id": ("", "frame of IMU samples; empty: NODE_imu_frame"),
     "link_frame_id": ("", "the camera's body; empty: NODE_link"),
