@@ -94,7 +94,7 @@ def test_soft_light_is_that_of_the_cpu(
     for what a pass misses."""
     monkeypatch.setattr(hybrid, "LEAST_MISSING", 8)
     many = 40 if seed == 1 else None
-    stage = RandomStage(seed, rich=seed % 2 == 0, bulbs=True, many=many, size=(17, 10))
+    stage = RandomStage(seed, rich=seed % 2 == 0, bulbs=True, many=many, size=(17, 5))
     render = {"renderer": "hybrid", "spp": (1, 4)[seed % 2] if antialiasing == "fixed" else 4}
     cpu = stage.renderer(antialiasing=antialiasing, **render)
     there = on_device(device, stage, antialiasing=antialiasing, **render)
