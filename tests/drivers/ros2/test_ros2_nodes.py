@@ -195,7 +195,7 @@ from cyclonedds.domain import Domain, DomainParticipant
 from evs.drivers.clock import monotonic_s, sleep_s
 from reference.ros_readers import Ears
 domain = Domain(int(sys.argv[1]), sys.argv[2])
-ears, found, ends_s = Ears(int(sys.argv[1]), "/eye", ("events",)), [], monotonic_s() + 30
+ears, found, ends_s = Ears(int(sys.argv[1]), "/eye", ("events",)), [], monotonic_s() + 120
 print("ready", flush=True)
 while not found and monotonic_s() < ends_s:
     sleep_s(0.01)
@@ -224,7 +224,7 @@ def test_nodes_on_cyclone_dds_that_stay_on_this_machine_find_it(
         stdout=-1,
         text=True,
     )
-    sink = Ros2Publisher(domain_id=domain, node="eye", wait_for=1, wait_s=30.0)
+    sink = Ros2Publisher(domain_id=domain, node="eye", wait_for=1, wait_s=120.0)
     sink.open([StreamInfo(9, 9)])
     while node.poll() is None:
         sink.write(EventPacket(0, 0, 1000, 9, 9, make_events([5], [1], [2], [1])))
