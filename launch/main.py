@@ -27,9 +27,7 @@ GROUPS = {
         "loop": "closed-loop examples: balance a pencil, keep a goal, by event cameras",
     },
     "See what it would do": {
-        "plan": (
-            "what a scene requires: code paths that are on, or off and why, and the cost of a tick"
-        ),
+        "plan": ("what a scene requires: code paths that are on, or off and why"),
         "render": (
             "luminance, colour, depth, normals, ids and optical flow of a scene, into one .npz file"
         ),

@@ -709,4 +709,4 @@ class Camera:
     def plan(self) -> ScenePlan:
         """What its scene contains, which code paths are on, and why; worked out at each call."""
         there = self._world, self._viewpoint.scene, self.bound, self.sensor
-        return plan_scene(*there, self._plan, self.features, self._tick_us)
+        return plan_scene(*there, self._plan, self.features)

@@ -29,8 +29,6 @@ class RendererRow:
     """light goes from surface to surface"""
     caches_light: bool = False
     """keeps light on surfaces from tick to tick"""
-    adaptive: bool = False
-    """can take more samples at edges only"""
     cuda: str = ""
     """"module:Class" of the same renderer on a GPU, with the same options; empty: there is none"""
     traced: bool = True
@@ -49,7 +47,6 @@ RENDERERS = {
         max_spp=64,
         options=("threads", "rgb", "switches", "like"),
         cuda="evs.emulator.render.gpu.direct:CudaDirectRenderer",
-        adaptive=True,
     ),
     "hybrid": RendererRow(
         "evs.emulator.render.hybrid:HybridRenderer",
@@ -59,7 +56,6 @@ RENDERERS = {
         cuda="evs.emulator.render.gpu.hybrid:CudaHybridRenderer",
         bounces=True,
         caches_light=True,
-        adaptive=True,
     ),
     "path": RendererRow(
         "evs.emulator.render.path:PathRenderer",
@@ -70,7 +66,6 @@ RENDERERS = {
         cuda="evs.emulator.render.gpu.path:CudaPathRenderer",
         paths=True,
         bounces=True,
-        adaptive=True,
     ),
     "raster": RendererRow(
         "evs.emulator.render.raster:RasterRenderer",

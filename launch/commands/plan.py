@@ -1,4 +1,4 @@
-"""`evs plan`: show what a scene needs, which code paths are on, and the cost of a tick."""
+"""`evs plan`: show what a scene needs and which code paths are on; measure a tick."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def _ticks(text: str | None) -> int:
 
 
 def _show(planned: PipelinePlan) -> None:
-    """Tables: contents, code paths that are on and off, cost."""
+    """Tables: contents, code paths that are on and off, measured times."""
     from evs.launch.support import terminal
 
     plain = planned.plan.compact()
@@ -94,17 +94,9 @@ def _show(planned: PipelinePlan) -> None:
         ]
         terminal.table(title, ("code path", "because"), rows, False)
         print()
-    cost = plain["cost"]
-    costs = [
-        ("world", cost["world_ms"], cost["world_ms"], "physics and poses"),
-        ("render", cost["render_ms"], cost["render_still_ms"], _light(planned.renderer, cost)),
-        ("sensor", cost["sensor_ms"], cost["sensor_still_ms"], f"model {planned.model}"),
-    ]
-    shown = [(stage, f"{most:.3g}", f"{least:.3g}", of) for stage, most, least, of in costs]
-    title = f"a tick on one core, by the cost model (good to a factor of about {cost['within']:g})"
-    terminal.table(title, ("stage", "ms, all moves", "ms, all rests", "of"), shown, False)
-    if planned.measured is not None:
-        print()
+    if planned.measured is None:
+        print(f"time of a tick: add --measure, which runs {MEASURE_TICKS} ticks")
+    else:
         measurement = planned.measured
         traced = f"{100 * measurement.traced_fraction:.3g} % of the pixels traced"
         of = {"render": traced, "sensor": f"{measurement.events:,} events in all"}
@@ -113,12 +105,6 @@ def _show(planned: PipelinePlan) -> None:
         ]
         title = f"measured: {measurement.ticks} ticks, threads: {planned.threads or 'one a core'}"
         terminal.table(title, ("stage", "median ms", "with"), measured, False)
-
-
-def _light(renderer: str, cost: dict[str, Any]) -> str:
-    if renderer == "raster":
-        return "OpenGL in software; a GPU takes about a tenth"
-    return f"{cost['primary_rays']:,} camera rays, at most {cost['shadow_rays']:,} shadow rays"
 
 
 def _contents(planned: PipelinePlan, contents: dict[str, Any]) -> list[tuple[str, str]]:
@@ -141,6 +127,9 @@ def _contents(planned: PipelinePlan, contents: dict[str, Any]) -> list[tuple[str
     size = f"{view['width']} x {view['height']} px, {view['projection']}"
     rows.append(("sensor", f"{planned.sensor}, {size}"))
     rows.append(("renderer", f"{planned.renderer}, samples a pixel: {view['samples']}"))
+    if "camera_rays" in view:
+        rays = f"{view['camera_rays']:,} from the camera, at most {view['shadow_rays']:,} to lights"
+        rows.append(("rays", f"of a full picture: {rays}"))
     rows.append(("event model", planned.model))
     rows.append(("sinks", ", ".join(planned.sinks) or "none"))
     return rows

@@ -1,10 +1,7 @@
-"""What a tick costs, by the plan's cost model and measured; and what code paths cost that nothing
-needs. CPU time of one thread, so that a busy machine says the same."""
+"""What code paths cost that nothing needs: CPU time of one thread."""
 
 from __future__ import annotations
 
-import math
-import statistics
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,10 +24,6 @@ from evs.emulator.simulation.world import World
 
 pytestmark = pytest.mark.bench
 
-ROBOTS = (
-    *("gymnasium/humanoid", "gymnasium/ant", "gymnasium/reacher", "gymnasium/half_cheetah"),
-    *("dm_control/fish", "dm_control/manipulator", "dm_control/quadruped", "dm_control/dog"),
-)
 STAGES = ("world", "render", "sensor")
 
 
@@ -45,47 +38,30 @@ def config(file: Path, renderer: str, spp: int) -> RunConfig:
     )
 
 
-def measured(wanted: RunConfig, ticks: int, on: Sequence[str]) -> tuple[World, dict[str, float]]:
+def measured(wanted: RunConfig, ticks: int, on: Sequence[str]) -> dict[str, float]:
     """CPU ms of each stage of a tick, median."""
     watch = StopWatch(process_time)
     world = World.from_config(replace(wanted, plan=PlanConfig(on=tuple(on))), meter=watch)
     report = run(world, [], ticks * 1e-3, watch)
-    return world, {stage: report.stage_ms[stage].median for stage in STAGES}
-
-
-def test_model_and_measurement(robot_files: dict[str, Path]) -> None:
-    off = []
-    print("\nrender, every pixel traced: CPU ms measured, and model / measured")
-    for name in ROBOTS:
-        told = []
-        for renderer, spp, ticks in (("direct", 1, 24), ("direct", 4, 24), ("path", 2, 6)):
-            wanted = config(robot_files[name], renderer, spp)
-            world, took = measured(wanted, ticks, ["full_retrace"])
-            cost = world.cameras[0].plan.cost
-            factor = cost.render_ms / took["render"]
-            off.append(abs(math.log(factor)))
-            told.append(f"{renderer} {spp} spp {took['render']:6.2f} x{factor:.2f}")
-        world_factor = cost.world_ms / took["world"]
-        print(f"{name:24s} {', '.join(told)}; world {took['world']:.2f} x{world_factor:.2f}")
-    print(f"median factor off: {math.exp(statistics.median(off)):.2f}")
+    return {stage: report.stage_ms[stage].median for stage in STAGES}
 
 
 def test_code_paths_that_nothing_needs(robot_files: dict[str, Path]) -> None:
     """gymnasium's reacher, which has no sky, no texture and no shadow; each idle path by itself."""
     wanted = config(robot_files["gymnasium/reacher"], "direct", 4)
     # traced whole in both, so that the code path itself is what differs
-    base = [measured(wanted, 40, ["full_retrace"])[1] for _ in range(3)]
+    base = [measured(wanted, 40, ["full_retrace"]) for _ in range(3)]
     yardstick = {stage: min(one[stage] for one in base) for stage in STAGES}
     print("\nCPU time of render and sensor over that without it")
     for feature in FEATURES:
         if feature.idle or feature.name in ("full_retrace", "cold_tiles"):
             continue
-        took = [measured(wanted, 40, ["full_retrace", feature.name])[1] for _ in range(3)]
+        took = [measured(wanted, 40, ["full_retrace", feature.name]) for _ in range(3)]
         best = {stage: min(one[stage] for one in took) for stage in STAGES}
         ratios = [f"{best[stage] / yardstick[stage]:.2f}" for stage in ("render", "sensor")]
         print(f"{feature.name:18s} render x{ratios[0]}, sensor x{ratios[1]}")
-    whole = measured(wanted, 40, ["full_retrace"])[1]["render"]
-    kept = measured(wanted, 40, [])[1]["render"]
+    whole = measured(wanted, 40, ["full_retrace"])["render"]
+    kept = measured(wanted, 40, [])["render"]
     everything = replace(wanted, plan=PlanConfig(everything=True))
     watch = StopWatch(process_time)
     run(World.from_config(everything, meter=watch), [], 0.04, watch)
