@@ -20,8 +20,8 @@ import zmq
 from zmq.utils import z85
 
 from evs.drivers.bus.sockets import Context, Socket, readable
-from evs.drivers.settings import read_toml
 from evs.emulator.base.small_files import is_file
+from evs.emulator.config.settings import read_toml
 from evs.msgs import EvsError
 
 PUBLIC, SECRET = ".key", ".secret.key"

@@ -16,7 +16,7 @@ from evs.emulator import Worlds
 from evs.emulator.base.package_paths import in_package
 from evs.emulator.base.scene import GroundTruth
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
-from evs.emulator.config.plain_values import plain_integer
+from evs.emulator.config.settings import plain_integer
 from evs.emulator.sensor.randomisation import SensorRanges
 from evs.emulator.simulation.initial_states import Start, begin, check_start
 from evs.emulator.simulation.scene_ranges import SceneRanges

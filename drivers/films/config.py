@@ -7,10 +7,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from evs.drivers import settings
 from evs.emulator.base.small_files import read_small_text
 from evs.emulator.camera.frame_light import UNITS
-from evs.emulator.config import ModelConfig, SensorConfig
+from evs.emulator.config import ModelConfig, SensorConfig, settings
 from evs.msgs import EvsError, unknown
 
 FITS = ("crop", "stretch", "exact")
@@ -71,9 +70,7 @@ def load_film_config(overrides: Iterable[tuple[str, str]] = ()) -> FilmRunConfig
     Raises:
         EvsError: An unknown key or a bad value, with the path to it.
     """
-    config = FilmRunConfig()
-    for key, text in overrides:
-        config = settings.override(config, key, text)
+    config = settings.override(FilmRunConfig(), overrides)
     check(config)
     return config
 

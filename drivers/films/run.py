@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 
-from evs.drivers import settings
 from evs.drivers.clock import Pacer, StopWatch, monotonic_s
 from evs.drivers.files.formats import Format
 from evs.drivers.films.config import FilmRunConfig
@@ -17,6 +16,7 @@ from evs.drivers.run.run_loop import RunLoop
 from evs.drivers.run.sink_set import SinkSet
 from evs.drivers.run.stop_signals import stop_signals
 from evs.drivers.sink import Sink
+from evs.emulator.config import settings
 from evs.emulator.sensor import resolve_sensor
 from evs.msgs import EvsError
 

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers import settings
 from evs.drivers.films.config import FilmConfig, FilmRunConfig, read_times
 from evs.drivers.films.decoder import Picture
 from evs.drivers.films.fitting import Box, area_mean, region
@@ -20,6 +19,7 @@ from evs.emulator import Pixels
 from evs.emulator.base.protocols import Meter
 from evs.emulator.base.scene import F32, GroundTruth
 from evs.emulator.camera.frame_light import FrameLight
+from evs.emulator.config import settings
 from evs.emulator.sensor import SensorParameters, resolve_sensor
 from evs.msgs import EventPacket, EvsError, Frame, StreamInfo
 

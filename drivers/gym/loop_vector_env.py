@@ -20,7 +20,7 @@ from evs.emulator.base.package_paths import in_package
 from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.config.keywords import named_keywords
-from evs.emulator.config.plain_values import plain_integer
+from evs.emulator.config.settings import plain_integer
 from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
 from evs.emulator.simulation.initial_states import Start, begin
 from evs.emulator.simulation.scene_ranges import DrawnScene, SceneRanges

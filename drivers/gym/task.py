@@ -14,7 +14,7 @@ import numpy.typing as npt
 from evs.drivers.gym.actions import Actions
 from evs.drivers.gym.library import spaces
 from evs.emulator.config import SensorConfig
-from evs.emulator.config.plain_values import plain_integer
+from evs.emulator.config.settings import plain_integer
 from evs.emulator.simulation.initial_states import Start, check_start
 from evs.emulator.world import MjModel, NamedSensors, actuator_names, control_range
 from evs.msgs import EvsError, unknown

@@ -13,17 +13,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from evs.drivers import settings
 from evs.drivers.clock import CATCH_UP_S
 from evs.drivers.files import formats
 from evs.drivers.files.paths import FORCE, check_new, free_number, numbered_path
 from evs.drivers.run import driver_parameters
 from evs.drivers.run.driver_parameters import DriverParameters
-from evs.drivers.run.paths import beside, with_paths
 from evs.drivers.sink import SINK_TYPES, Sink
-from evs.emulator.base.package_paths import in_package
+from evs.emulator.base.package_paths import beside, in_package
 from evs.emulator.base.small_files import is_file
-from evs.emulator.config import RunConfig
+from evs.emulator.config import RunConfig, settings
+from evs.emulator.config.declaration import any_path, parameter
 from evs.emulator.config.schema import LoopConfig
 from evs.emulator.render.registry import SEEDS
 from evs.msgs import EvsError, nearest_first, registry, unknown
@@ -57,6 +56,11 @@ PUBLISH = {
 """a key of a pipeline -> the key of the zmq sink that they describe together"""
 
 
+def is_key_file(text: str) -> bool:
+    """Whether a public key is a file, and not written out."""
+    return len(text) != 40
+
+
 @dataclass(frozen=True)
 class SinkConfig(DriverParameters):
     """[[sink]]: one destination of the packets. Any number of tables."""
@@ -80,15 +84,20 @@ class SinkConfig(DriverParameters):
     """zmq: address of the newest state; any free port if only control is given"""
     truth_hz: float | None = None
     """zmq: ground-truth messages per simulated second, while the topic has subscribers"""
-    key: str | None = None
-    """zmq: file of the publisher's secret key (evs keygen makes one); encrypts all traffic"""
-    allow: tuple[str, ...] | None = None
-    """zmq: public keys of the clients that may subscribe (files, folders, or the keys themselves);
-    not given: every client that has the publisher's public key"""
+    key: str | None = parameter(
+        None,
+        "zmq: file of the publisher's secret key (evs keygen makes one); encrypts all traffic",
+        is_path=any_path,
+    )
+    allow: tuple[str, ...] | None = parameter(
+        None,
+        "zmq: public keys of the clients that may subscribe (files, folders, or the keys "
+        "themselves); not given: every client that has the publisher's public key",
+        is_path=is_key_file,
+    )
     insecure: bool | None = None
     """zmq, dv, ros2, foxglove: true: other machines may subscribe without a key"""
-    file: str | None = None
-    """recordings: the file to write"""
+    file: str | None = parameter(None, "recordings: the file to write", is_path=any_path)
     overwrite: bool | None = None
     """recordings, rerun, foxglove: true: replace an existing file; not given: as for the whole
     run"""
@@ -100,10 +109,14 @@ class SinkConfig(DriverParameters):
     """aedat4: largest size of a file, MB; the recording continues in run-001.aedat4, ..."""
     rotate_s: float | None = None
     """aedat4: longest simulated time of a file, s; the recording continues in the next file"""
-    rrd: str | None = None
-    """rerun: the file to write, for Rerun's viewer"""
-    mcap: str | None = None
-    """foxglove: the file to write, for Foxglove; not given: address is served"""
+    rrd: str | None = parameter(
+        None, "rerun: the file to write, for Rerun's viewer", is_path=any_path
+    )
+    mcap: str | None = parameter(
+        None,
+        "foxglove: the file to write, for Foxglove; not given: address is served",
+        is_path=any_path,
+    )
     period_us: int | None = None
     """rerun, foxglove: simulated time between two pictures, us"""
     points: int | None = None
@@ -175,11 +188,17 @@ class LockstepConfig:
     """how long to wait for a controller's decision before the controller is removed, s"""
     cameras: tuple[str, ...] = ()
     """cameras of the model, all with this pipeline's sensor; none: the pipeline's one camera"""
-    key: str = ""
-    """file of the server's secret key (evs keygen makes one); encrypts all traffic"""
-    allow: tuple[str, ...] = ()
-    """public keys of the controllers that may connect (files, folders, or the keys themselves);
-    none: every controller that has the server's public key"""
+    key: str = parameter(
+        "",
+        "file of the server's secret key (evs keygen makes one); encrypts all traffic",
+        is_path=any_path,
+    )
+    allow: tuple[str, ...] = parameter(
+        (),
+        "public keys of the controllers that may connect (files, folders, or the keys themselves); "
+        "none: every controller that has the server's public key",
+        is_path=is_key_file,
+    )
     insecure: bool = False
     """true: controllers on other machines may connect without a key"""
 
@@ -195,8 +214,11 @@ class PipelineConfig(RunConfig):
     realtime: RealtimeConfig = dataclasses.field(default_factory=RealtimeConfig)
     lockstep: LockstepConfig = dataclasses.field(default_factory=LockstepConfig)
     loop: LoopConfig = dataclasses.field(default_factory=LoopConfig)
-    record: str = ""
-    """an additional recording, as in run.aedat4; the file's ending selects the format"""
+    record: str = parameter(
+        "",
+        "an additional recording, as in run.aedat4; the file's ending selects the format",
+        is_path=any_path,
+    )
     publish: str = ""
     """an additional zmq sink: the address to bind, as in tcp://127.0.0.1:5560"""
     publish_wait_for: int = 0
@@ -205,10 +227,10 @@ class PipelineConfig(RunConfig):
     """how long to wait for them, s"""
     publish_control: str = ""
     """control port of publish"""
-    publish_key: str = ""
-    """secret key of publish"""
-    publish_allow: tuple[str, ...] = ()
-    """public keys of the clients that may subscribe to publish"""
+    publish_key: str = parameter("", "secret key of publish", is_path=any_path)
+    publish_allow: tuple[str, ...] = parameter(
+        (), "public keys of the clients that may subscribe to publish", is_path=is_key_file
+    )
     publish_insecure: bool = False
     """true: other machines may subscribe to publish without a key"""
     overwrite: bool = False
@@ -221,8 +243,11 @@ class PipelineConfig(RunConfig):
     ahead: int = 2
     """ticks of physics and light to compute in advance, while pixels and sinks process the current
     tick; needs two cores and two threads; 0: one after the other. The bytes are the same"""
-    report: str = ""
-    """file of the run report (JSON); every recording has a report beside it anyway"""
+    report: str = parameter(
+        "",
+        "file of the run report (JSON); every recording has a report beside it anyway",
+        is_path=any_path,
+    )
 
     @property
     def is_closed(self) -> bool:
@@ -292,10 +317,9 @@ def load(
     if path is not None:
         config = _from_file(path)
     else:
-        config = settings.build(PipelineConfig, tables or {})
-    for key, text in overrides:
-        config = settings.override(config, key, text)
-    config = with_paths(config, in_package)
+        config = settings.build(PipelineConfig, tables or {}, in_package)
+    if overrides := list(overrides):
+        config = settings.override(config, overrides, in_package)
     check(config, path)
     return config
 
@@ -304,10 +328,9 @@ def _from_file(path: Path) -> PipelineConfig:
     """Read a pipeline file; its name stands before an error in it."""
     tables = settings.read_toml(path)
     try:
-        config = settings.build(PipelineConfig, tables)
+        return settings.build(PipelineConfig, tables, lambda text: in_package(beside(path, text)))
     except EvsError as error:
         raise EvsError(f"{path}: {error}") from None
-    return with_paths(config, lambda text: beside(path, text))
 
 
 def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
@@ -469,11 +492,11 @@ def sinks_of(words: Iterable[str]) -> list[SinkConfig]:
     Raises:
         EvsError: A bad value, with the path to it.
     """
-    found = PipelineConfig()
-    for key, text in map(settings.split_word, words):
+    keys = [settings.split_word(word) for word in words]
+    for key, _ in keys:
         if not key.startswith("sink."):
             raise EvsError(f"no key '{key}' here: give those of sinks, as in sink.0.type=dv")
-        found = settings.override(found, key, text)
+    found = settings.override(PipelineConfig(), keys)
     for place, sink in enumerate(found.sink):
         _check_sink(sink, f"sink.{place}")
         for key in driver_parameters.OF_THE_SENSOR:

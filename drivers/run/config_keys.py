@@ -10,8 +10,8 @@ import typing
 from dataclasses import dataclass
 from typing import Any
 
-from evs.drivers.settings import to_text
 from evs.emulator.config.declaration import declaration
+from evs.emulator.config.settings import to_text
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from typing import Any
 
 from evs.drivers.run.config import SINK_PLACES, PipelineConfig
 from evs.drivers.run.config_keys import field_docs
-from evs.drivers.settings import to_plain
 from evs.emulator.config.declaration import Declaration, declaration
+from evs.emulator.config.settings import to_plain
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
 """The dialect that editors of TOML know."""

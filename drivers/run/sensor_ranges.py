@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from evs.drivers import settings
+from evs.emulator.config import settings
 from evs.msgs import EvsError
 
 SCENE = "scene"
@@ -89,7 +89,4 @@ def ranges_of(words: Iterable[str]) -> dict[str, str]:
     Raises:
         EvsError: As range_overrides.
     """
-    ranges = RandomiseFile()
-    for key, text in range_overrides(words):
-        ranges = settings.override(ranges, key, text)
-    return dict(ranges.randomise)
+    return dict(settings.override(RandomiseFile(), range_overrides(words)).randomise)

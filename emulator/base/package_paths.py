@@ -15,6 +15,11 @@ def package_of(text: str) -> re.Match[str] | None:
     return re.fullmatch(r"([A-Za-z_]\w+):([^/\\:].*)", text)
 
 
+def beside(file: Path, text: str) -> str:
+    """A path that stands in a file: relative to that file."""
+    return text if package_of(text) or text[:1] == "~" else str(file.parent / text)
+
+
 def in_package(text: str) -> str:
     """`package:path` as a path: a file that an installed Python package ships; `~` is the home.
 

@@ -25,7 +25,7 @@ from evs.emulator.camera.cover import covered_by, may_be_covered
 from evs.emulator.camera.pixels import DoneTick, LentPixels, Pixels
 from evs.emulator.camera.scene_plan import ScenePlan, is_unlit, plan_scene
 from evs.emulator.config import SceneConfig, SensorConfig
-from evs.emulator.config.plain_values import plain_config, with_keys
+from evs.emulator.config.settings import plain_config, with_keys
 from evs.emulator.optics import camera_info
 from evs.emulator.optics.camera_info import pose_message
 from evs.emulator.render import flicker_warnings
@@ -259,7 +259,7 @@ class Camera:
         for key in keys:
             if key not in known:
                 raise unknown("parameter that changes while a camera runs", key, known)
-        sensor = plain_config(with_keys(self._plan.sensor, keys, "sensor"), "sensor")
+        sensor = with_keys(self._plan.sensor, keys, "sensor")
         made = resolve_sensor(sensor)
         self._pixels.adjust(made)
         self._plan, self.sensor = replace(self._plan, sensor=sensor), made

@@ -19,7 +19,7 @@ from evs.emulator.config import (
     RunConfig,
     SensorConfig,
 )
-from evs.emulator.config.plain_values import plain_config, plain_integer
+from evs.emulator.config.settings import plain_config, plain_integer
 from evs.emulator.render import make_renderer
 from evs.emulator.world import BoundCamera, MjModel, bind_camera
 from evs.msgs import EvsError

@@ -14,6 +14,7 @@ declaration; a type checker knows the fields of both.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from inspect import get_annotations
 from types import NoneType
@@ -44,8 +45,8 @@ class Declaration:
     """the words that it may be"""
     noun: str = ""
     """what such a word is called in messages"""
-    is_path: bool = False
-    """a path; in a sensor file it is relative to that file"""
+    is_path: Callable[[str], bool] | None = None
+    """whether a text of it is a path, which in a file is relative to that file"""
 
     @property
     def text(self) -> str:
@@ -66,7 +67,7 @@ def parameter(
     term: str = "",
     choices: tuple[str, ...] = (),
     noun: str = "",
-    is_path: bool = False,
+    is_path: Callable[[str], bool] | None = None,
 ) -> Any:
     """A field of a dataclass of declarations.
 
@@ -78,10 +79,20 @@ def parameter(
         term: The term of the pixel that it switches on, for the plan.
         choices: The words that it may be.
         noun: What such a word is called in messages.
-        is_path: Whether it is a path, relative to the sensor file that has it.
+        is_path: Whether a text of it is a path, relative to the file that has it.
     """
     declared = Declaration(doc, unit, within, term, choices, noun, is_path)
     return field(default=default, metadata={_KEY: declared})
+
+
+def any_path(_text: str) -> bool:
+    """`is_path` of a key whose texts are all paths."""
+    return True
+
+
+def path_or_name(suffix: str) -> Callable[[str], bool]:
+    """`is_path` of a key that is a name, or a path where it has a slash or this ending."""
+    return lambda text: text.endswith(suffix) or "/" in text
 
 
 def declaration(of: Field[Any]) -> Declaration | None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from evs.emulator.config.declaration import any_path, parameter, path_or_name
 from evs.emulator.config.keywords import named_keywords
 from evs.emulator.config.sensor import SensorConfig
 from evs.emulator.render.registry import RENDERERS
@@ -53,8 +54,7 @@ class VisualConfig:
 class SceneConfig:
     """[scene]: the world, and the controls that move it."""
 
-    file: str = ""
-    """MJCF (.xml) or MJB (.mjb) file"""
+    file: str = parameter("", "MJCF (.xml) or MJB (.mjb) file", is_path=any_path)
     camera: str = ""
     """name of a camera of the model; empty: the camera of [camera], else the model's first camera,
     else a free camera"""
@@ -66,8 +66,11 @@ class SceneConfig:
     control: str = "auto"
     """auto: hold the controls of `home` if the run starts there, else zero | zero | keyframe |
     random | file"""
-    control_file: str = ""
-    """.npy or .npz (array `ctrl`) or .csv, one row per control period: (n, nu)"""
+    control_file: str = parameter(
+        "",
+        ".npy or .npz (array `ctrl`) or .csv, one row per control period: (n, nu)",
+        is_path=any_path,
+    )
     control_hz: float = 100.0
     """rate of new values for `random` and `file`, Hz; each value holds until the next"""
     control_seed: int = 0
@@ -101,9 +104,12 @@ class CameraConfig:
     """mounted camera: orientation in the body's frame (w, x, y, z); it looks along its -z"""
     xyaxes: tuple[float, float, float, float, float, float] | None = None
     """mounted camera: its x and y axes in the body's frame, instead of quat"""
-    trajectory: str = ""
-    """file of poses that the camera goes through, in the world or in the frame of `body`: lines of
-    t x y z qx qy qz qw (TUM), or a CSV with a header (EuRoC); its first pose is at time 0"""
+    trajectory: str = parameter(
+        "",
+        "file of poses that the camera goes through, in the world or in the frame of `body`: lines "
+        "of t x y z qx qy qz qw (TUM), or a CSV with a header (EuRoC); its first pose is at time 0",
+        is_path=any_path,
+    )
     trajectory_axes: str = "optical"
     """whose poses they are. optical: x right, y down, z forward, as in ROS and OpenCV | camera: x
     right, y up, looking along -z, as in MuJoCo and Blender"""
@@ -241,9 +247,12 @@ class ModelConfig:
     name: str = "plain"
     """plain: the event pixel | adaptive: the event pixel behind a running mean of the light, which
     removes the noise of fresh samples | evsnet: the paper's network"""
-    network: str = "evsnet_c8"
-    """evsnet: a file of config/networks, a family of files (evsnet_c8 selects the member for the
-    samples per pixel, such as evsnet_c8_4spp), or the path of your own .onnx file"""
+    network: str = parameter(
+        "evsnet_c8",
+        "evsnet: a file of config/networks, a family of files (evsnet_c8 selects the member for "
+        "the samples per pixel, such as evsnet_c8_4spp), or the path of your own .onnx file",
+        is_path=path_or_name(".onnx"),
+    )
     runtime: str = "native"
     """evsnet: native: the kernel of evs, which updates only what moves | onnxruntime: any provider,
     any graph | reference: plain NumPy, slow"""

@@ -10,7 +10,14 @@ import math
 from dataclasses import dataclass, field
 from typing import Generic
 
-from evs.emulator.config.declaration import REQUIRED, Unset, parameter, specialised
+from evs.emulator.config.declaration import (
+    REQUIRED,
+    Unset,
+    any_path,
+    parameter,
+    path_or_name,
+    specialised,
+)
 from evs.emulator.config.keywords import named_keywords
 
 
@@ -581,7 +588,7 @@ class ReadoutKeys(Generic[Unset]):
     mask_file: str | Unset = parameter(
         "",
         "a text file of pixels to switch off, one x y per line",
-        is_path=True,
+        is_path=any_path,
     )
 
 
@@ -611,8 +618,11 @@ class ReadoutConfig(ReadoutKeys[None]):
 
 @dataclass(frozen=True)
 class _Preset:
-    preset: str = "davis346"
-    """name of a file in config/sensors, or the path of your own file"""
+    preset: str = parameter(
+        "davis346",
+        "name of a file in config/sensors, or the path of your own file",
+        is_path=path_or_name(".toml"),
+    )
 
 
 @named_keywords

@@ -15,8 +15,8 @@ from evs.emulator.base.protocols import Meter
 from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.base.scene import F64
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
-from evs.emulator.config.plain_values import plain_integer, plain_number
 from evs.emulator.config.schema import DelayConfig
+from evs.emulator.config.settings import plain_integer, plain_number
 from evs.emulator.simulation.channels import Channels, check_delays
 from evs.emulator.simulation.resets import put_saved, reset_worlds
 from evs.emulator.simulation.world import World

@@ -19,7 +19,7 @@ from evs.emulator.config import (
     SensorConfig,
     VisualConfig,
 )
-from evs.emulator.config.plain_values import plain_integer
+from evs.emulator.config.settings import plain_integer
 from evs.emulator.simulation.snapshot_history import SnapshotHistory
 from evs.emulator.state import (
     Saved,

@@ -14,7 +14,7 @@ from evs.emulator.camera import pixels as stages
 from evs.emulator.camera.auxiliary_sensors import AuxiliarySensors
 from evs.emulator.camera.frame_light import FrameLight, frame_array
 from evs.emulator.config import ModelConfig, SensorConfig
-from evs.emulator.config.plain_values import plain_config, plain_integer, with_keys
+from evs.emulator.config.settings import plain_config, plain_integer, with_keys
 from evs.emulator.sensor import completed, resolve_sensor
 from evs.emulator.state import (
     Saved,
@@ -110,7 +110,7 @@ class Pixels:
         if size is not None:
             keys = {**keys, **_sides(size)}
         config = SensorConfig(preset=sensor) if isinstance(sensor, str) else sensor
-        config = plain_config(with_keys(config, keys, "sensor"), "sensor")
+        config = with_keys(config, keys, "sensor")
         self._model = plain_config(
             ModelConfig(name=model) if isinstance(model, str) else model, "model"
         )

@@ -29,7 +29,7 @@ from evs.emulator.config import (
     SensorConfig,
     VisualConfig,
 )
-from evs.emulator.config.plain_values import plain_config, plain_integer
+from evs.emulator.config.settings import plain_config, plain_integer
 from evs.emulator.simulation.resets import CheckedReset, reset_worlds, restore_worlds
 from evs.emulator.simulation.snapshot_history import SnapshotHistory
 from evs.emulator.state import (

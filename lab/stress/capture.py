@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers import settings
 from evs.drivers.clock import Pacer, StopWatch
 from evs.drivers.files import read
 from evs.drivers.run.config import check, load, make_sink
 from evs.drivers.run.report import Report
 from evs.drivers.run.run import run
 from evs.emulator import World
+from evs.emulator.config import settings
 from evs.msgs import EventPacket, Events, EvsError, join_events
 
 IDEAL = {"preset": "ideal", "width": 32, "height": 24}

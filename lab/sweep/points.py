@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from evs.drivers import settings
 from evs.drivers.run.config import PipelineConfig, find_pipeline
 from evs.emulator.camera.event_models import check_chunk
+from evs.emulator.config import settings
 from evs.emulator.render.registry import SEEDS
 from evs.emulator.render.selection import check_render
 from evs.msgs import EvsError
@@ -68,10 +68,11 @@ def preset_of(name: str) -> PipelineConfig:
 
 def configured(base: PipelineConfig, changes: Mapping[str, Setting]) -> PipelineConfig:
     """The pipeline with these keys set. Raises EvsError."""
-    for key, value in changes.items():
+    for key in changes:
         if key.partition(".")[0] not in SHAPING:
             raise EvsError(f"at {key}: a sweep changes only keys of {', '.join(SHAPING)}")
-        base = settings.override(base, key, settings.to_text(value))
+    texts = [(key, settings.to_text(value)) for key, value in changes.items()]
+    base = settings.override(base, texts)
     check(base)
     return base
 

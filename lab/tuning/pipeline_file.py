@@ -8,9 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from evs.drivers import settings
 from evs.drivers.run.config import PipelineConfig
-from evs.drivers.run.paths import with_paths
+from evs.emulator.config import settings
 from evs.msgs import EvsError
 
 FIRST = "# Tuned by evs tune"
@@ -30,7 +29,9 @@ def pipeline_text(config: PipelineConfig, file: Path, why: Sequence[str]) -> str
         why: lines of comment.
     """
     folder = file.resolve().parent
-    config = with_paths(config, lambda text: _from(folder, text))
+    config = settings.build(
+        PipelineConfig, settings.to_plain(config), lambda text: _from(folder, text)
+    )
     lines = [f"{FIRST}: {why[0]}" if why else FIRST]
     for line in why[1:]:
         lines += textwrap.wrap(line, WIDTH, initial_indent="# ", subsequent_indent="#   ")

@@ -6,8 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
-from evs.drivers import settings
-from evs.emulator.config import RunConfig
+from evs.emulator.config import RunConfig, settings
 from evs.msgs import EvsError
 
 KEYS = ("sensor", "seed", "threads")
@@ -106,11 +105,10 @@ def _config(args: argparse.Namespace) -> RunConfig:
     overrides = [("sensor.preset", sensors[0])]
     overrides += [settings.split_word(word) for word in args.words if "=" in word]
     overrides += [(key, text) for key in ("seed", "threads") if (text := getattr(args, key))]
-    config = RunConfig()
-    for key, text in overrides:
+    for key, _ in overrides:
         if key.partition(".")[0] not in KEYS:
             raise EvsError(f"{key} has no meaning for a sensor alone; give keys of sensor")
-        config = settings.override(config, key, text)
+    config = settings.override(RunConfig(), overrides)
     if config.seed < 0:
         raise EvsError(f"at seed: {config.seed}; give 0 or more")
     return config

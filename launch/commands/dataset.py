@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from evs.drivers import settings
 from evs.drivers.run.sensor_ranges import range_overrides
+from evs.emulator.config import settings
 from evs.msgs import EvsError
 
 if TYPE_CHECKING:

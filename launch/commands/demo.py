@@ -9,8 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from evs.drivers import settings
 from evs.drivers.run import config as pipeline
+from evs.emulator.config import settings
 from evs.launch.commands.emulate import STOPPED
 from evs.launch.support.reinvoke import program
 from evs.msgs import DEFAULT_ADDRESS, EvsError

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from evs.drivers import settings
 from evs.drivers.run import config as pipeline
+from evs.emulator.config import settings
 from evs.launch.support import options
 from evs.launch.support.reinvoke import command
 

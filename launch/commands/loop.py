@@ -301,8 +301,8 @@ def _command(args: argparse.Namespace) -> str:
 def _serve(args: argparse.Namespace) -> int:
     """Serve the world until it is stopped; return the exit code."""
     # here, so that --help is quick
-    from evs.drivers import settings
     from evs.drivers.run import config as pipeline
+    from evs.emulator.config import settings
     from evs.examples.cartpole.environment import SCENE as CARTPOLE
     from evs.examples.goalie.environment import SCENE as GOALIE
     from evs.examples.pencil.environment import SCENE as PENCIL

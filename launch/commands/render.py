@@ -6,8 +6,8 @@ import argparse
 from dataclasses import fields
 from pathlib import Path
 
-from evs.drivers import settings
 from evs.drivers.run import config as pipeline
+from evs.emulator.config import settings
 from evs.launch.support import options
 from evs.msgs import EvsError
 

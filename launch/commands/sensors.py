@@ -8,8 +8,7 @@ import json
 import textwrap
 from typing import TYPE_CHECKING, Any
 
-from evs.drivers import settings
-from evs.emulator.config import RunConfig, SensorConfig
+from evs.emulator.config import RunConfig, SensorConfig, settings
 from evs.msgs import EvsError
 
 if TYPE_CHECKING:
@@ -68,10 +67,11 @@ def run(args: argparse.Namespace) -> int:
     if len(names) > 1:
         raise EvsError(f"two sensors, '{names[0]}' and '{names[1]}'; give one, then key=value")
     config = RunConfig(sensor=SensorConfig(preset=names[0]) if names else SensorConfig())
-    for key, text in (settings.split_word(word) for word in args.words if "=" in word):
+    keys = [settings.split_word(word) for word in args.words if "=" in word]
+    for key, _ in keys:
         if not key.startswith("sensor."):
             raise EvsError(f"{key} is not a sensor key; give keys that begin with sensor.")
-        config = settings.override(config, key, text)
+    config = settings.override(config, keys)
     if names or args.words:
         _print_one(describe_sensor(config.sensor), args.json)
         return 0

@@ -7,7 +7,7 @@ import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from evs.drivers import settings
+from evs.emulator.config import settings
 from evs.launch.support.options import add_key_options
 from evs.msgs import EvsError
 

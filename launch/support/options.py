@@ -72,8 +72,8 @@ def parse_pipeline(
         EvsError: two files of one kind, or two values for one key.
     """
     # here, so that commands without a pipeline start quickly
-    from evs.drivers import settings
     from evs.drivers.run import config as pipeline
+    from evs.emulator.config import settings
 
     files = [word for word in args.words if "=" not in word]
     scenes = [word for word in files if "scene" in options and pipeline.is_scene(word)]

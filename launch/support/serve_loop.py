@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from evs.drivers import settings
 from evs.drivers.lockstep import serve as served
 from evs.drivers.run import config as pipeline
 from evs.drivers.run.report import check_targets
+from evs.emulator.config import settings
 from evs.launch.support import terminal
 from evs.launch.support.reinvoke import command
 from evs.launch.support.report_writer import ReportWriter

@@ -19,6 +19,7 @@ DOORS = {
     # a plugin for MuJoCo's own viewer
     "mujoco": ("emulator/world/", "examples/studio/"),
     "msgpack": ("msgs/packet.py",),
+    "msgspec": ("emulator/config/settings.py",),
     "zmq": ("drivers/bus/",),
     "h5py": ("drivers/files/hdf5/",),
     "hdf5plugin": ("drivers/files/hdf5/",),

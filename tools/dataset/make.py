@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from evs.drivers import settings
 from evs.drivers.files import messages, recorder_for, stream_of
 from evs.drivers.pictures import write_png
 from evs.emulator import World
 from evs.emulator.base.small_files import open_file
+from evs.emulator.config import settings
 from evs.emulator.state.versions import versions
 from evs.emulator.world import digest_of
 from evs.msgs import EvsError, Frame, ImuPacket, TriggerPacket

@@ -8,11 +8,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
-from evs.drivers import settings
-from evs.drivers.run.paths import beside, with_run_paths
 from evs.drivers.run.sensor_ranges import split_ranges
-from evs.emulator.base.package_paths import in_package
-from evs.emulator.config import ModelConfig, RenderConfig, RunConfig, SensorConfig
+from evs.emulator.base.package_paths import beside, in_package
+from evs.emulator.config import ModelConfig, RenderConfig, RunConfig, SensorConfig, settings
 from evs.emulator.sensor import resolve_sensor
 from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
 from evs.emulator.simulation.scene_ranges import DrawnScene, SceneRanges
@@ -124,11 +122,12 @@ def named(name: str, overrides: Overrides = ()) -> SceneFile:
         raise EvsError(f"no scene '{name}' in the set; it has: {known} (another one: --scene FILE)")
     path = FOLDER / f"{name}.toml"
     try:
-        scene = settings.build(SceneFile, _with_defaults(settings.read_toml(path)))
+        tables = _with_defaults(settings.read_toml(path))
+        scene = settings.build(SceneFile, tables, lambda text: in_package(beside(path, text)))
     except EvsError as error:
         raise EvsError(f"{path}: {error}") from None
-    scene = replace(scene, scene=replace(scene.scene, file=f"{name}.xml"), name=name)
-    return _finished(with_run_paths(scene, lambda text: beside(path, text)), overrides)
+    scene = replace(scene, scene=replace(scene.scene, file=str(FOLDER / f"{name}.xml")), name=name)
+    return _finished(scene, overrides)
 
 
 def of_file(file: str, name: str, overrides: Overrides = ()) -> SceneFile:
@@ -148,11 +147,11 @@ def of_file(file: str, name: str, overrides: Overrides = ()) -> SceneFile:
     toml_file = path.with_suffix(".toml")
     tables = settings.read_toml(toml_file) if toml_file.is_file() else {}
     try:
-        scene = settings.build(SceneFile, _with_defaults(tables))
+        scene = settings.build(
+            SceneFile, _with_defaults(tables), lambda text: in_package(beside(toml_file, text))
+        )
     except EvsError as error:
         raise EvsError(f"{toml_file}: {error}") from None
-    if tables:
-        scene = with_run_paths(scene, lambda text: beside(toml_file, text))
     if "control" not in tables.get("scene", {}) and not scene.motion:
         scene = replace(scene, scene=replace(scene.scene, control="random"))
     scene = replace(scene, scene=replace(scene.scene, file=file), name=name)
@@ -174,9 +173,7 @@ def _with_defaults(tables: dict[str, object]) -> dict[str, object]:
 
 
 def _finished(scene: SceneFile, overrides: Overrides) -> SceneFile:
-    for key, text in overrides:
-        scene = settings.override(scene, key, text)
-    scene = with_run_paths(scene, in_package)
+    scene = settings.override(scene, overrides, in_package)
     if scene.frames.spp is None:
         spp = 256 if scene.render.renderer == "path" else 64
         scene = replace(scene, frames=replace(scene.frames, spp=spp))

@@ -14,6 +14,7 @@ CORE = (
     "onnxruntime",
     "pyzmq",
     "msgpack",
+    "msgspec",
     "flatbuffers",
     "lz4",
     "zstandard",

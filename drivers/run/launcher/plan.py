@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from evs.drivers import settings
 from evs.drivers.bus.address import free_address
 from evs.emulator.base.small_files import is_file
+from evs.emulator.config import settings
 from evs.msgs import EvsError, nearest_first, unknown
 
 LAUNCH_FILES = Path(__file__).parents[3] / "config" / "launch"

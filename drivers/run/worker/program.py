@@ -243,8 +243,8 @@ def main(link: int, number: int) -> None:
 
 def _open(link: socket.socket, setup: dict[str, Any]) -> tuple[Sink, list[StreamInfo]]:
     """Make the sink and open it. Raises EvsError as both do."""
-    from evs.drivers import settings
     from evs.drivers.run.config import SinkConfig, make_sink
+    from evs.emulator.config import settings
 
     if setup["cores"] is not None:
         if not hasattr(os, "sched_setaffinity"):

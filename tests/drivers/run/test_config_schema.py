@@ -10,9 +10,9 @@ import jsonschema
 import pytest
 
 import evs
-from evs.drivers import settings
 from evs.drivers.run import config
 from evs.drivers.run.config_schema import pipeline_schema
+from evs.emulator.config import settings
 from evs.msgs import EvsError
 
 PIPELINES = sorted(Path(evs.__file__).parent.glob("config/pipelines/*.toml"))

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers import settings
 from evs.drivers.run.config_keys import field_docs
 from evs.drivers.run.launcher.plan import (
     LAUNCH_FILES,
@@ -16,6 +15,7 @@ from evs.drivers.run.launcher.plan import (
     find_launch_file,
     read_plan,
 )
+from evs.emulator.config import settings
 from evs.launch.main import main
 from evs.msgs import EvsError
 

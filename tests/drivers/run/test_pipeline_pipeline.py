@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.drivers import settings
 from evs.drivers.run.config import (
     PIPELINES,
     PRESETS,
@@ -22,7 +21,7 @@ from evs.drivers.run.config import (
     pipelines,
 )
 from evs.drivers.run.config_keys import describe
-from evs.emulator.config import RunConfig
+from evs.emulator.config import RunConfig, settings
 from evs.msgs import EvsError
 
 SCENE = [("scene.file", "x.xml")]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.config import FlickerConfig, RenderConfig
-from evs.emulator.config.plain_values import plain_config
+from evs.emulator.config.settings import plain_config
 from evs.emulator.render import DirectRenderer
 from evs.emulator.render.flicker import Flicker, mean
 from evs.emulator.simulation.world import World
@@ -187,8 +187,12 @@ def test_tables_from_python_are_checked_too() -> None:
     config = RenderConfig(flicker=(FlickerConfig(hz=np.float32(60)),))  # type: ignore[arg-type]
     plain = plain_config(config, "render")
     assert type(plain.flicker[0].hz) is float
-    for bad in ((1,), ("mains",), FlickerConfig()):
-        with pytest.raises(EvsError, match="give a tuple of FlickerConfig"):
+    for bad, says in (
+        ((1,), "render.flicker.0 is 1; give a FlickerConfig"),
+        (("mains",), "render.flicker.0 is 'mains'; give a FlickerConfig"),
+        (FlickerConfig(), "give a tuple of FlickerConfig"),
+    ):
+        with pytest.raises(EvsError, match=says):
             plain_config(RenderConfig(flicker=bad), "render")  # type: ignore[arg-type]
     with pytest.raises(EvsError, match=r"render.flicker.0.hz is nan; give a finite number"):
         plain_config(RenderConfig(flicker=(FlickerConfig(hz=float("nan")),)), "render")

@@ -286,7 +286,7 @@ def test_wrong_arguments_are_one_line() -> None:
         SensorRanges("a")  # type: ignore[arg-type]
     with pytest.raises(EvsError, match="no numeric key of \\[sensor\\] 'pos_thrs'"):
         sensor_with_values("davis346", {"pos_thrs": 1.0})
-    with pytest.raises(EvsError, match=r"sensor.pos_thres is 'a'; give a number"):
+    with pytest.raises(EvsError, match=r"sensor.pos_thres is 'a'; give a finite number"):
         sensor_with_values("davis346", {"pos_thres": "a"})  # type: ignore[dict-item]
     with pytest.raises(EvsError, match=r"sensor.readout.scan_us is 1.5; give a whole number"):
         sensor_with_values("davis346", {"readout.scan_us": 1.5})

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from evs.emulator.config.declaration import parameter
-from evs.emulator.config.plain_values import plain_config
+from evs.emulator.config.declaration import any_path, parameter
+from evs.emulator.config.settings import plain_config
 from evs.emulator.sensor.presets import SensorFile, fill
 from evs.msgs import EvsError
 
@@ -25,7 +25,7 @@ class Lens:
 class Bus:
     rate: float = 5.0
     places: tuple[int, ...] = ()
-    list: str = parameter("", "a file of names", is_path=True)
+    list: str = parameter("", "a file of names", is_path=any_path)
     lens: Lens | None = None
 
 

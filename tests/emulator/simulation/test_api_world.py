@@ -9,9 +9,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.drivers import settings
 from evs.emulator import UnstableError, World
-from evs.emulator.config import CameraConfig, RenderConfig, RunConfig, SceneConfig, SensorConfig
+from evs.emulator.config import (
+    CameraConfig,
+    RenderConfig,
+    RunConfig,
+    SceneConfig,
+    SensorConfig,
+    settings,
+)
 from evs.emulator.config.sensor import BiasConfig
 from evs.emulator.sensor import resolve_sensor
 from evs.msgs import EvsError

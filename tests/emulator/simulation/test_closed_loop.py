@@ -154,7 +154,7 @@ def test_nothing_moves_before_a_reset(cart):
         ({"limits": {"tilt": (float("nan"), 1)}}, r"give \(low, high\)"),
         ({"max_s": 0}, "max_s is 0: give simulated seconds over 0"),
         ({"max_s": float("inf")}, "max_s is inf"),
-        ({"max_s": "3"}, "max_s is .3.; give a number"),
+        ({"max_s": "3"}, "max_s is .3.; give a finite number"),
         ({"model": ModelConfig(name="evsnet", chunk=8)}, "model.chunk is 8, .*leave it 1"),
     ],
 )

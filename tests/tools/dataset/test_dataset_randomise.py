@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 import evs
-from evs.drivers import settings
 from evs.drivers.files import stream_of
 from evs.emulator import World
-from evs.emulator.config import RunConfig, SensorConfig
+from evs.emulator.config import RunConfig, SensorConfig, settings
 from evs.launch.main import main
 from evs.tools.dataset import Dataset, of_file
 from evs.tools.dataset.contact_sheet import words_of

@@ -7,8 +7,8 @@ from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
-from evs.drivers import settings
 from evs.drivers.run.config import PipelineConfig, load
+from evs.emulator.config import settings
 from evs.msgs import EvsError
 from evs.msgs.codecs import PAYLOADS
 

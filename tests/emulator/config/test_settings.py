@@ -14,10 +14,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evs.drivers import settings
 from evs.drivers.run.config import PipelineConfig
 from evs.drivers.run.config_keys import describe, field_docs
-from evs.emulator.config import RunConfig
+from evs.emulator.config import RunConfig, settings
 from evs.msgs import EvsError
 
 
@@ -145,12 +144,12 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     ],
 )
 def test_text_is_read_as_the_key_wants_it(key: str, text: str, expected: Root) -> None:
-    assert settings.override(Root(), key, text) == expected
+    assert settings.override(Root(), [(key, text)]) == expected
 
 
 def test_an_array_of_tables_is_reached_by_place() -> None:
     root = Root(item=(Leaf(), Leaf()))
-    changed = settings.override(root, "item.1.name", "b")
+    changed = settings.override(root, [("item.1.name", "b")])
     assert changed.item == (Leaf(), Leaf(name="b"))
     assert root.item == (Leaf(), Leaf())
 
@@ -179,11 +178,11 @@ def test_an_array_of_tables_is_reached_by_place() -> None:
     ],
 )
 def test_a_bad_override_is_told_with_its_path(key: str, text: str, said: str) -> None:
-    assert message(settings.override, Root(), key, text) == said
+    assert message(settings.override, Root(), [(key, text)]) == said
 
 
 def test_a_table_cannot_be_set_as_a_whole() -> None:
-    assert message(settings.override, Root(), "leaf", "1").startswith(
+    assert message(settings.override, Root(), [("leaf", "1")]).startswith(
         "at leaf: is a table; set one of its keys: leaf.count, leaf.share"
     )
 
@@ -261,7 +260,7 @@ def reach(config: Any, key: str) -> Any:
 def attempt(key: str, text: str) -> tuple[PipelineConfig | None, str]:
     """The changed configuration, or what was said against it."""
     try:
-        return settings.override(PipelineConfig(), key, text), ""
+        return settings.override(PipelineConfig(), [(key, text)]), ""
     except EvsError as error:
         return None, str(error)
 
@@ -280,7 +279,7 @@ def test_all_keys_of_the_emulator_are_there() -> None:
 def test_any_value_of_any_key_round_trips_through_text(data: st.DataObject) -> None:
     key, annotation = data.draw(st.sampled_from(KEYS))
     value = data.draw(values(annotation))
-    config = settings.override(PipelineConfig(), key, settings.to_text(value))
+    config = settings.override(PipelineConfig(), [(key, settings.to_text(value))])
     assert reach(config, key) == value
     assert type(reach(config, key)) is type(value)
     # through JSON, as reports and recordings carry it
@@ -315,9 +314,8 @@ def test_a_table_of_free_keys_takes_dotted_keys_and_texts() -> None:
     text = 'top = 2\n[ranges]\na = "x(1, 2)"\nin.b = "y"\n[ranges.in.deep]\nc = "z"\n'
     free = settings.build(Free, settings.parse_toml(text, "x.toml"))
     assert free == Free({"a": "x(1, 2)", "in.b": "y", "in.deep.c": "z"}, 2)
-    free = settings.override(free, "ranges.in.b", "w(1, 2)")
-    free = settings.override(free, "ranges.new.key", '"none"')
-    free = settings.override(free, "ranges.a", "none")
+    texts = {"ranges.in.b": "w(1, 2)", "ranges.new.key": '"none"', "ranges.a": "none"}
+    free = settings.override(free, texts.items())
     assert free.ranges == {"in.deep.c": "z", "in.b": "w(1, 2)", "new.key": "none"}
     plain = json.loads(json.dumps(settings.to_plain(free)))
     assert settings.build(Free, plain) == free
@@ -330,5 +328,5 @@ def test_mistakes_in_a_table_of_free_keys_are_one_line() -> None:
         ({"rangs": {}}, "at rangs: unknown key; nearest known: ranges"),
     ):
         assert message(settings.build, Free, tables) == says
-    says = message(settings.override, Free(), "ranges", "x")
+    says = message(settings.override, Free(), [("ranges", "x")])
     assert says == "at ranges: is a table; set one of its keys, as in ranges.KEY="
