@@ -234,18 +234,14 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             # the same seed as the noise: the start and later episodes do not depend on the ranges
             self.drawn = self.ranges.draw(noise) if self.ranges else None
             self.drawn_scene = self.scene_ranges.draw(noise) if self.scene_ranges else None
-            with self.loop.resetting(
+            self.seen = self.loop.reset(
                 noise,
                 keyframe,
                 start=lambda data: begin(self._task.start, self.np_random, data),
                 sensor=self.drawn.config if self.drawn else None,
                 scene=self.drawn_scene.values if self.drawn_scene else None,
-            ) as self.seen:
-                if self.seen.done:
-                    raise EvsError(
-                        f"the episode is over where it begins ({self.seen.done}): narrow start, or "
-                        "widen limits"
-                    )
+                must_run=True,
+            )
         self._began_us = 0
         for view in self._views.values():
             view.reset()

@@ -264,20 +264,15 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
 
         sensors = [one.config for number in chosen if (one := self.drawn[number])]
         scenes = [drawn.values for number in chosen if (drawn := self.drawn_scenes[number])]
-        with self.worlds.resetting(
+        self.worlds.reset(
             noises,
             chosen,
             keyframe=keyframe,
             sensor=sensors or None,
             scene=scenes or None,
             start=put,
-        ):
-            for number in chosen:
-                if number in self.worlds.ended:
-                    raise EvsError(
-                        f"the episode is over where it begins ({self.worlds.ended[number]}): "
-                        "narrow start, or widen limits"
-                    )
+            must_run=True,
+        )
 
     def step(
         self, actions: Any

@@ -8,6 +8,9 @@ from typing import Any, Protocol, runtime_checkable
 from evs.emulator.base.scene import F32, I32, CameraPose, GroundTruth, SceneSnapshot
 from evs.msgs import Events
 
+Commit = Callable[[], None]
+"""What a method `prepare_...` returns: does what was checked, and cannot fail."""
+
 
 class Meter(Protocol):
     """Measures how long each stage took. The emulator itself reads no clock."""
@@ -46,17 +49,17 @@ class Renderer(Protocol):
         """Forget earlier ticks: the next light is of its instant alone."""
 
     def save(self) -> dict[str, Any]:
-        """Named arrays of earlier ticks, which `restoring` takes back."""
+        """Named arrays of earlier ticks, which `prepare_restore` takes back."""
 
-    def restoring(self, saved: Mapping[str, Any]) -> Callable[[], None]:
-        """Check what `save` gave; the function that is returned puts it in place.
+    def prepare_restore(self, saved: Mapping[str, Any]) -> Commit:
+        """Check what `save` gave; the commit puts it in place.
 
         Raises:
             EvsError: It is damaged.
         """
 
     def render_again(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
-        """After `restoring`: the light of the tick that was last, and its instant, as of render."""
+        """After a restore: the light of the tick that was last, and its instant, as in render."""
 
     @property
     def rgb(self) -> F32 | None:

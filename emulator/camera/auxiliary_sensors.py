@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from evs.emulator.base.features import Switches
+from evs.emulator.base.protocols import Commit
 from evs.emulator.base.scene import F32, CameraPose
 from evs.emulator.base.stamps import later_frame, later_imu
 from evs.emulator.sensor import Aps, Imu, SensorParameters
@@ -61,23 +61,23 @@ class AuxiliarySensors:
         self.frames, self.imu_packet = (), None
 
     def save(self) -> Saved:
-        """Named arrays that `restoring` takes back."""
+        """Named arrays that `prepare_restore` takes back."""
         return {
             **(joined(aps=self._aps_state.save()) if self._aps_state is not None else {}),
             **(joined(imu=self._imu_state.save()) if self._imu_state is not None else {}),
             **numbers(imu_seq=self._imu_seq),
         }
 
-    def restoring(self, saved: Saved) -> Callable[[], None]:
-        """Checks what `save` gave; what comes back puts it in place. Raises EvsError."""
+    def prepare_restore(self, saved: Saved) -> Commit:
+        """Checks what `save` gave; the commit puts it in place. Raises EvsError."""
         aps = None if self._aps is None else self._aps.restore(part(saved, "aps"))
         imu = None if self._imu is None else ImuState.restore(part(saved, "imu"))
         imu_seq = number(saved, "imu_seq", 0)
 
-        def put() -> None:
+        def commit() -> None:
             self._aps_state, self._imu_state, self._imu_seq = aps, imu, imu_seq
 
-        return put
+        return commit
 
     def clear(self) -> None:
         """Forget what the last tick brought: nothing is exposed any more."""

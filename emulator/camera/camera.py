@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from threading import Lock
 from typing import Any, NamedTuple
@@ -10,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from evs.emulator.base.arrays import on_lines
-from evs.emulator.base.protocols import DeviceRenderer, Meter, NoMeter, Renderer
+from evs.emulator.base.protocols import Commit, DeviceRenderer, Meter, NoMeter, Renderer
 from evs.emulator.base.scene import F32, I32, CameraPose, GroundTruth, SceneModel, SceneSnapshot
 from evs.emulator.base.stamps import later_events
 from evs.emulator.camera.auxiliary_sensors import AuxiliarySensors
@@ -22,7 +21,7 @@ from evs.emulator.camera.camera_plan import (
     plain_plan,
 )
 from evs.emulator.camera.cover import covered_by, may_be_covered
-from evs.emulator.camera.pixels import DoneTick, LentPixels, Pixels
+from evs.emulator.camera.pixel_pipeline import DoneTick, LentPixels, PixelPipeline
 from evs.emulator.camera.scene_plan import ScenePlan, is_unlit, plan_scene
 from evs.emulator.config import SceneConfig, SensorConfig
 from evs.emulator.config.settings import plain_config, with_keys
@@ -138,7 +137,7 @@ class Camera:
         self._stand(plan.stand(world, scene, *self._size, like=shared))
         self.rebuilt = dict.fromkeys(("scenes", "meshes", "textures"), 0)
         settings = (plan.seed, plan.threads, plan.render.noisy_samples)
-        self._pixels = Pixels(sensor, plan.model, *settings, switches, plan.render.isa)
+        self._pixels = PixelPipeline(sensor, plan.model, *settings, switches, plan.render.isa)
         name = free_name(plan.name, self.bound.name, taken)
         scene_config = scene_config or SceneConfig(tick_us=tick_us)
         self._start_us = scene_config.start_us
@@ -178,12 +177,12 @@ class Camera:
             EvsError: The sensor makes no sense, or has another size, or other frames or IMU;
                 nothing has changed.
         """
-        self.resetting(seed, sensor)()
+        self.prepare_reset(seed, sensor)()
 
-    def resetting(
+    def prepare_reset(
         self, seed: int | None = None, sensor: str | SensorConfig | None = None
-    ) -> Callable[[], None]:
-        """Check a reset; the function that is returned does it.
+    ) -> Commit:
+        """Check a reset; the commit does it.
 
         Args:
             seed: As of `reset`.
@@ -198,18 +197,18 @@ class Camera:
         if not isinstance(sensor, SensorConfig | None):
             raise EvsError(f"sensor= takes a name or a SensorConfig, not {sensor!r}")
         if sensor is not None and sensor != self._plan.sensor:
-            exchange = self._exchanging(sensor, self._plan.seed if seed is None else seed)
+            exchange = self._prepare_sensor(sensor, self._plan.seed if seed is None else seed)
 
-        def put() -> None:
+        def commit() -> None:
             if exchange is not None:
                 exchange()
             if seed is not None:
                 self._reseed(seed)
             self._forget()
 
-        return put
+        return commit
 
-    def _exchanging(self, sensor: SensorConfig, seed: int) -> Callable[[], None]:
+    def _prepare_sensor(self, sensor: SensorConfig, seed: int) -> Commit:
         """Make everything that depends on the sensor, which is not the light."""
         plan = replace(self._plan, sensor=plain_config(sensor, "sensor"))
         made = resolve_sensor(plan.sensor)
@@ -226,10 +225,10 @@ class Camera:
                     "camera"
                 )
         settings = (seed, plan.threads, plan.render.noisy_samples)
-        pixels = Pixels(made, plan.model, *settings, plan.switches, plan.render.isa)
+        pixels = PixelPipeline(made, plan.model, *settings, plan.switches, plan.render.isa)
         auxiliary = AuxiliarySensors(made, self.name, plan.switches, self._start_us)
 
-        def put() -> None:
+        def commit() -> None:
             self._plan, self.sensor, self._pixels, self._auxiliary = plan, made, pixels, auxiliary
             self._marks_causes = pixels.features.get("causes", False)
             self._info = replace(
@@ -239,7 +238,7 @@ class Camera:
                 latency_us=self._latency_us(pixels),
             )
 
-        return put
+        return commit
 
     def adjust(self, **keys: object) -> None:
         """Change parameters of the sensor while it runs, from the next tick on.
@@ -278,7 +277,7 @@ class Camera:
         """[sensor] as it is now: `sensor` is what it resolves to."""
         return self._plan.sensor
 
-    def _latency_us(self, pixels: Pixels) -> int:
+    def _latency_us(self, pixels: PixelPipeline) -> int:
         return pixels.latency_us + round(self._plan.render.delay_ticks * self._tick_us)
 
     def _forget(self) -> None:
@@ -302,7 +301,7 @@ class Camera:
         self._info = replace(self._info, seed=seed, config=config)
 
     def save(self) -> Saved:
-        """Named arrays of all that the next tick needs, which `restoring` takes back."""
+        """Named arrays of all that the next tick needs, which `prepare_restore` takes back."""
         begun = [] if self._t_us is None else [self._t_us]
         return {
             **joined(pixels=self._pixels.save(), light=self._renderer.save()),
@@ -312,10 +311,10 @@ class Camera:
             "t_us": np.array(begun, np.int64),
         }
 
-    def restoring(
+    def prepare_restore(
         self, saved: Saved, seed: int, now: SceneSnapshot | None, previous: SceneSnapshot | None
-    ) -> Callable[[], None]:
-        """Check a saved state; the function that is returned puts it in place.
+    ) -> Commit:
+        """Check a saved state; the commit puts it in place.
 
         Args:
             saved: What `save` gave.
@@ -326,9 +325,9 @@ class Camera:
         Raises:
             EvsError: It is damaged.
         """
-        pixels = self._pixels.restoring(part(saved, "pixels"), seed)
-        auxiliary = self._auxiliary.restoring(saved)
-        light = self._renderer.restoring(part(saved, "light"))
+        pixels = self._pixels.prepare_restore(part(saved, "pixels"), seed)
+        auxiliary = self._auxiliary.prepare_restore(saved)
+        light = self._renderer.prepare_restore(part(saved, "light"))
         counts = [number(saved, name, 0) for name in ("seq", "seen", "events")]
         instants = number(saved, "instants", 0, 2)
         t_us = saved["t_us"].tolist()
@@ -336,7 +335,7 @@ class Camera:
         if None in needed or (needed and now is not None and t_us != [now.t_us]):
             raise EvsError("saved state is damaged: a camera's time is invalid; save it again")
 
-        def put() -> None:
+        def commit() -> None:
             self.reset(seed)
             pixels()
             auxiliary()
@@ -348,7 +347,7 @@ class Camera:
             # the light of the last instant is not saved, since it is found again
             self._luminance = self._renderer.render_again(*self._now) if self._now else None
 
-        return put
+        return commit
 
     @property
     def plan_of_it(self) -> CameraPlan:
@@ -407,8 +406,8 @@ class Camera:
         """What shapes its events, seed aside, in plain values: where a saved state belongs."""
         return {**identity_of(self._plan, self._info.config), **self._pixels.versions}
 
-    def refreshing(self, scene: SceneModel) -> Callable[[], None]:
-        """Build what sees the edited world; the function that is returned puts it in place.
+    def prepare_refresh(self, scene: SceneModel) -> Commit:
+        """Build what sees the edited world; the commit puts it in place.
 
         The pixels keep their state, so they see the change as they would see any other.
 
@@ -417,7 +416,7 @@ class Camera:
         """
         viewpoint = self._plan.stand(self._world, scene, *self._size, before=self._viewpoint)
 
-        def put() -> None:
+        def commit() -> None:
             if viewpoint.renderer is not self._renderer:
                 self.rebuilt["scenes"] += 1
                 everything = {"meshes": len(scene.meshes), "textures": len(scene.textures)}
@@ -427,7 +426,7 @@ class Camera:
             seen = camera_info(viewpoint.bound.model)
             self._info = replace(self._info, camera_info=seen, classes=self._class_names())
 
-        return put
+        return commit
 
     def part(self, world: MjModel) -> None:
         """Go on with a copy of the model, which is the same."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from evs.emulator.base.protocols import Commit
 from evs.emulator.base.scene import F32, CameraPose, GroundTruth, SceneModel, SceneSnapshot
 from evs.emulator.camera.camera_plan import CameraPlan
 from evs.emulator.optics import camera_info
@@ -52,17 +53,17 @@ class View:
         self._now: tuple[SceneSnapshot, CameraPose] | None = None
         self._previous: tuple[SceneSnapshot, CameraPose] | None = None
 
-    def refreshing(self, scene: SceneModel) -> Callable[[], None]:
-        """Builds what sees the edited world; what comes back puts it in place. Raises EvsError."""
+    def prepare_refresh(self, scene: SceneModel) -> Commit:
+        """Builds what sees the edited world; the commit puts it in place. Raises EvsError."""
         size, before = (self.width, self.height), self._viewpoint
         viewpoint = self._plan.stand(self._world, scene, *size, self._rgb, before)
 
-        def put() -> None:
+        def commit() -> None:
             self._viewpoint = viewpoint
             if not viewpoint.follows(before):
                 self._now = self._previous = None
 
-        return put
+        return commit
 
     def part(self, world: MjModel) -> None:
         """Go on with a copy of the model, which is the same."""

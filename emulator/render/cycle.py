@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from evs.emulator import _core
+from evs.emulator.base.protocols import Commit
 from evs.emulator.base.scene import F32, I32, CameraPose, GroundTruth, SceneSnapshot
 from evs.emulator.render.path import PathRenderer
 from evs.emulator.state import Saved, number, numbers
@@ -80,8 +81,8 @@ class SeedCycle:
             **numbers(tick=self._tick if self._tick is not None else 0),
         }
 
-    def restoring(self, saved: Mapping[str, np.ndarray[Any, Any]]) -> Callable[[], None]:
-        """Check a saved cycle; the function that is returned puts it in place.
+    def prepare_restore(self, saved: Mapping[str, np.ndarray[Any, Any]]) -> Commit:
+        """Check a saved cycle; the commit puts it in place.
 
         Raises:
             EvsError: It is damaged.
@@ -92,11 +93,11 @@ class SeedCycle:
         if planes is None or planes.dtype != np.float32 or planes.shape not in shapes:
             raise EvsError("saved state is damaged: the cycle of light is invalid; save it again")
 
-        def put() -> None:
+        def commit() -> None:
             self._tick = tick if len(planes) else None
             self._all[: len(planes)] = planes
 
-        return put
+        return commit
 
 
 class CycleRenderer:
@@ -162,16 +163,16 @@ class CycleRenderer:
         self._of_pixels = None
 
     def save(self) -> Saved:
-        """Named arrays of the last ticks, which `restoring` takes back."""
+        """Named arrays of the last ticks, which `prepare_restore` takes back."""
         return self._light.save()
 
-    def restoring(self, saved: Mapping[str, np.ndarray[Any, Any]]) -> Callable[[], None]:
-        """Check a saved cycle; the function that is returned puts it in place.
+    def prepare_restore(self, saved: Mapping[str, np.ndarray[Any, Any]]) -> Commit:
+        """Check a saved cycle; the commit puts it in place.
 
         Raises:
             EvsError: It is damaged.
         """
-        return self._light.restoring(saved)
+        return self._light.prepare_restore(saved)
 
     def reseed(self, seed: int) -> None:
         """The noise follows from `seed` from the next call on, which should follow `restart`."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from evs.emulator.base.protocols import Commit
 from evs.emulator.base.scene import F32, I32, CameraPose, SceneSnapshot
 from evs.emulator.render.path import PathRenderer
 from evs.emulator.state import number, numbers
@@ -45,7 +46,7 @@ class HybridRenderer(PathRenderer):
         return self._luminance
 
     def save(self) -> dict[str, Any]:
-        """Named arrays of the cache and of the last light, which `restoring` takes back."""
+        """Named arrays of the cache and of the last light, which `prepare_restore` takes back."""
         nodes = self._caster.work["cache_nodes"]
         keys, light = np.empty((nodes, KEYS), np.int32), np.empty((nodes, LIGHT), np.float32)
         tick, coarser = self._caster.save_irradiance(keys, light)
@@ -54,8 +55,8 @@ class HybridRenderer(PathRenderer):
             saved["rgb"] = self._rgb.copy()
         return {**saved, **numbers(tick=tick, coarser=coarser)}
 
-    def restoring(self, saved: Mapping[str, Any]) -> Callable[[], None]:
-        """Check a saved cache; the function that is returned puts it in place.
+    def prepare_restore(self, saved: Mapping[str, Any]) -> Commit:
+        """Check a saved cache; the commit puts it in place.
 
         Raises:
             EvsError: It is damaged.
@@ -76,12 +77,12 @@ class HybridRenderer(PathRenderer):
         own_numbers = int(own["tick"]), int(own["coarser"])
         self._caster.restore_irradiance(*own_numbers, own["keys"], own["light"])
 
-        def put() -> None:
+        def commit() -> None:
             self._caster.restore_irradiance(tick, coarser, keys, light)
             for now, before in pictures:
                 now[:] = before
 
-        return put
+        return commit
 
 
 def _array(saved: Mapping[str, Any], name: str, dtype: type, shape: tuple[int, ...]) -> Any:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
+from evs.emulator.base.protocols import Commit
 from evs.emulator.base.scene import F32, CameraPose, SceneSnapshot
 
 
@@ -21,14 +22,14 @@ class InstantLight(ABC):
         return
 
     def render_again(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
-        """Render the instant that was rendered last, after `restoring`."""
+        """Render the instant that was rendered last, after `prepare_restore`."""
         return self.render(snapshot, pose)
 
     def save(self) -> dict[str, Any]:
         """Named arrays of earlier ticks: none."""
         return {}
 
-    def restoring(self, saved: Mapping[str, Any]) -> Callable[[], None]:
+    def prepare_restore(self, saved: Mapping[str, Any]) -> Commit:
         """Take back what `save` gave."""
         del saved
         return lambda: None

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -18,7 +17,7 @@ from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneCo
 from evs.emulator.config.schema import DelayConfig
 from evs.emulator.config.settings import plain_integer, plain_number
 from evs.emulator.simulation.channels import Channels, check_delays
-from evs.emulator.simulation.resets import put_saved, reset_worlds
+from evs.emulator.simulation.resets import over_at_once, put_saved, reset_worlds
 from evs.emulator.simulation.world import World
 from evs.emulator.state import (
     Saved,
@@ -171,6 +170,7 @@ class ClosedLoop:
         start: Callable[[MjData], None] | None = None,
         sensor: str | SensorConfig | None = None,
         scene: Mapping[str, float] | None = None,
+        must_run: bool = False,
     ) -> Observation:
         """Begin an episode.
 
@@ -181,6 +181,8 @@ class ClosedLoop:
             start: Puts the MjData into another state before the first observation.
             sensor: Another sensor for every camera, as of World.reset; None keeps the last.
             scene: Values of the scene, as of World.reset; None keeps the last.
+            must_run: Whether a start outside the limits, where the episode is over at once, is an
+                error.
 
         Returns:
             What is known before the first tick: the encoders, and no event.
@@ -189,34 +191,16 @@ class ClosedLoop:
             EvsError: No such keyframe or key, values that make no model, or a sensor that no
                 camera can have; nothing has changed, nor where `start` raises.
         """
-        with self.resetting(seed, keyframe, state, start, sensor, scene) as seen:
-            return seen
-
-    @contextmanager
-    def resetting(
-        self,
-        seed: int | None = None,
-        keyframe: str = "",
-        state: bool = False,
-        start: Callable[[MjData], None] | None = None,
-        sensor: str | SensorConfig | None = None,
-        scene: Mapping[str, float] | None = None,
-    ) -> Iterator[Observation]:
-        """As `reset`, which the block may still refuse: if it raises, nothing has changed.
-
-        Arguments and errors are those of `reset`.
-
-        Yields:
-            What `reset` returns.
-        """
         world = self.world
-        reset = world.check_reset(seed, keyframe, sensor, scene)
+        reset = world.prepare_reset(seed, keyframe, sensor, scene)
         channels = self._new_channels(world.seed if seed is None else plain_integer(seed, "seed"))
         with unchanged_on_error(self), reset_worlds([world], [reset], [start]):
             self._channels = channels
             self._wants_state = bool(state)
             self._read_encoders()
-            yield self._seen()
+            if must_run and self._done:
+                raise over_at_once(self._done)
+            return self._seen()
 
     def step(self, ctrl: npt.ArrayLike | None = None, ticks: int = 1) -> Observation:
         """Decide, then go on for so many ticks, fewer where the episode ends.

@@ -141,7 +141,7 @@ class EventCamera:
         if not self._scene.outdated():
             return
         scene = self._scene.extract()
-        self._camera.refreshing(scene)()
+        self._camera.prepare_refresh(scene)()
         self._taker.fit([self._camera.bound])
         self._scene.taken(scene)
 
@@ -273,7 +273,7 @@ class EventCamera:
         moments, seen = self._history.read(part(saved, "moments"), t_us[0] if t_us else 0)
         now, previous = (*seen, None, None)[:2]
         seed = whole(saved, "seed")
-        self._camera.restoring(part(saved, "camera"), seed, now, previous)()
+        self._camera.prepare_restore(part(saved, "camera"), seed, now, previous)()
         self._history, self._packet = moments, None
         self._t_us = t_us[0] if t_us else None
         self._stability.forget()

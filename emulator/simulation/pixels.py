@@ -10,9 +10,9 @@ import numpy as np
 from evs import __version__
 from evs.emulator.base.features import UNFORCED
 from evs.emulator.base.scene import F32
-from evs.emulator.camera import pixels as stages
 from evs.emulator.camera.auxiliary_sensors import AuxiliarySensors
 from evs.emulator.camera.frame_light import FrameLight, frame_array
+from evs.emulator.camera.pixel_pipeline import DoneTick, PixelPipeline
 from evs.emulator.config import ModelConfig, SensorConfig
 from evs.emulator.config.settings import plain_config, plain_integer, with_keys
 from evs.emulator.sensor import completed, resolve_sensor
@@ -138,7 +138,7 @@ class Pixels:
         threads = plain_integer(threads, "threads")
         self._shape = (int(resolved.height), int(resolved.width))
         self._frame_light = FrameLight(self._shape, unit, resolved)
-        self._stages = stages.Pixels(resolved, self._model, self._seed, threads)
+        self._stages = PixelPipeline(resolved, self._model, self._seed, threads)
         self._auxiliary = AuxiliarySensors(resolved, name, UNFORCED, 0)
         self._info = StreamInfo(
             width=self._shape[1],
@@ -217,7 +217,7 @@ class Pixels:
         self._t_us = done.end_us
         return self._deliver(done)
 
-    def _deliver(self, done: stages.DoneTick) -> Events:
+    def _deliver(self, done: DoneTick) -> Events:
         """Make the packet of a tick."""
         labels = None
         if self._model.labels:
@@ -301,8 +301,8 @@ class Pixels:
         t_us = saved["t_us"].tolist()
         if len(t_us) > 1:
             raise EvsError("saved state is damaged: its time is invalid; save it again")
-        put_stages = self._stages.restoring(part(saved, "stages"), seed)
-        put_auxiliary = self._auxiliary.restoring(part(saved, "auxiliary"))
+        put_stages = self._stages.prepare_restore(part(saved, "stages"), seed)
+        put_auxiliary = self._auxiliary.prepare_restore(part(saved, "auxiliary"))
         self._seed = seed
         config = {**self._info.config, "seed": seed}
         self._info = replace(self._info, seed=seed, config=config)

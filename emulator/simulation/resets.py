@@ -6,18 +6,20 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import Any, NamedTuple, Protocol
 
+from evs.emulator.base.protocols import Commit
 from evs.emulator.state import Saved, unpack_here
 from evs.emulator.world import MjData, Physics
+from evs.msgs import EvsError
 
 
-class CheckedReset(NamedTuple):
+class PreparedReset(NamedTuple):
     """A reset of a world that can be done."""
 
     keyframe: int
     """id of the keyframe to start from; -1: qpos0"""
     values: dict[str, float] | None
     """of the scene; None: those that hold"""
-    put: Callable[[], None]
+    commit: Commit
     """forgets all that the world has seen, with another seed and sensor if so wanted"""
 
 
@@ -48,17 +50,24 @@ class ResettableWorld(Protocol):
     def arrays(self) -> Saved:
         """As of World."""
 
-    def restoring(self, saved: Saved) -> Callable[[], None]:
+    def prepare_restore(self, saved: Saved) -> Commit:
         """As of World."""
 
     def see_closely(self) -> bool:
         """As of World."""
 
 
+def over_at_once(reason: str) -> EvsError:
+    """The error of a start outside the limits."""
+    return EvsError(
+        f"the episode is over where it begins ({reason}): narrow start, or widen limits"
+    )
+
+
 @contextmanager
 def reset_worlds(
     worlds: Sequence[ResettableWorld],
-    resets: Sequence[CheckedReset],
+    resets: Sequence[PreparedReset],
     starts: Sequence[Callable[[MjData], None] | None] | None = None,
 ) -> Iterator[None]:
     """Reset worlds, all or none of them: if the block raises, nothing has changed.
@@ -68,7 +77,7 @@ def reset_worlds(
 
     Args:
         worlds: The worlds.
-        resets: What World.check_reset gave for each.
+        resets: What World.prepare_reset gave for each.
         starts: For each, what puts its data into another state; None: nothing.
 
     Raises:
@@ -86,7 +95,7 @@ def reset_worlds(
                 start(world.data)
         yield
     for reset in resets:
-        reset.put()
+        reset.commit()
 
 
 def restore_worlds(worlds: Sequence[ResettableWorld], blobs: Sequence[bytes]) -> None:
@@ -116,15 +125,15 @@ def put_saved(worlds: Sequence[ResettableWorld], saved: Sequence[Saved]) -> None
 
     Args:
         worlds: The worlds, within `values_of` of their states.
-        saved: As of World.restoring, for each.
+        saved: As of World.prepare_restore, for each.
 
     Raises:
         EvsError: One is damaged; nothing has changed.
     """
-    puts = [world.restoring(one) for world, one in zip(worlds, saved, strict=True)]
+    commits = [world.prepare_restore(one) for world, one in zip(worlds, saved, strict=True)]
     seen = [world.see_closely() for world in worlds]
     if any(seen):
         # the cameras have other renderers
-        puts = [world.restoring(one) for world, one in zip(worlds, saved, strict=True)]
-    for put in puts:
-        put()
+        commits = [world.prepare_restore(one) for world, one in zip(worlds, saved, strict=True)]
+    for commit in commits:
+        commit()

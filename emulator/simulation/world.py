@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from weakref import ref
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.base.protocols import Meter, NoMeter
+from evs.emulator.base.protocols import Commit, Meter, NoMeter
 from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.base.scene import F64, SceneModel, SceneSnapshot
 from evs.emulator.base.stamps import check_start
@@ -30,7 +30,7 @@ from evs.emulator.config import (
     VisualConfig,
 )
 from evs.emulator.config.settings import plain_config, plain_integer
-from evs.emulator.simulation.resets import CheckedReset, reset_worlds, restore_worlds
+from evs.emulator.simulation.resets import PreparedReset, reset_worlds, restore_worlds
 from evs.emulator.simulation.snapshot_history import SnapshotHistory
 from evs.emulator.state import (
     Saved,
@@ -315,24 +315,24 @@ class World:
             return
         scene = self._scene.extract()
         twins = [world for one in self._twins if (world := one()) is not None]
-        puts = [world._refreshing(scene) for world in twins]
-        for put in puts:
-            put()
+        commits = [world._prepare_refresh(scene) for world in twins]
+        for commit in commits:
+            commit()
         self._scene.taken(scene)
 
-    def _refreshing(self, scene: SceneModel) -> Callable[[], None]:
-        """Build what sees the edited model; the function that is returned puts it in place."""
+    def _prepare_refresh(self, scene: SceneModel) -> Commit:
+        """Build what sees the edited model; the commit puts it in place."""
         seers: list[Camera | View] = [*self._cameras, *self._views]
-        puts = [one.refreshing(scene) for one in seers]
+        commits = [one.prepare_refresh(scene) for one in seers]
 
-        def put() -> None:
-            for show in puts:
+        def commit() -> None:
+            for show in commits:
                 show()
             for one in seers:
                 self._bounds[one.place] = one.bound
             self._taker.fit(self._bounds)
 
-        return put
+        return commit
 
     def see_closely(self) -> bool:
         """Show edits of large arrays too; whether anything had been edited. Raises EvsError."""
@@ -428,8 +428,8 @@ class World:
             "given": np.array(given, np.float64).reshape(len(given), self.model.nu),
         }
 
-    def restoring(self, saved: Saved) -> Callable[[], None]:
-        """Check a saved state; the function that is returned puts it in place.
+    def prepare_restore(self, saved: Saved) -> Commit:
+        """Check a saved state; the commit puts it in place.
 
         Args:
             saved: What `arrays` gave; names, kinds and dimensions are checked already.
@@ -437,7 +437,7 @@ class World:
         Raises:
             EvsError: It is damaged.
         """
-        physics = self._physics.restoring(part(saved, "physics"))
+        physics = self._physics.prepare_restore(part(saved, "physics"))
         seed, control_seed = whole(saved, "seed"), whole(saved, "control_seed")
         given = saved["given"]
         if len(given) > 1 or given.shape[1] != self.model.nu or not np.isfinite(given).all():
@@ -447,11 +447,11 @@ class World:
         )
         now, previous = (*seen, None, None)[:2]
         cameras = [
-            camera.restoring(part(saved, f"cameras.{place}"), seed + place, now, previous)
+            camera.prepare_restore(part(saved, f"cameras.{place}"), seed + place, now, previous)
             for place, camera in enumerate(self._cameras)
         ]
 
-        def put() -> None:
+        def commit() -> None:
             self._seed = seed
             self._control.reseed(control_seed)
             self._given = given[0] if len(given) else None
@@ -463,7 +463,7 @@ class World:
                 for snapshot in reversed(seen):
                     view.move(snapshot)
 
-        return put
+        return commit
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -568,16 +568,16 @@ class World:
             EvsError: No such keyframe or key, values that make no model, or a sensor that no
                 camera can have; nothing has changed.
         """
-        with reset_worlds([self], [self.check_reset(seed, keyframe, sensor, scene)]):
+        with reset_worlds([self], [self.prepare_reset(seed, keyframe, sensor, scene)]):
             pass
 
-    def check_reset(
+    def prepare_reset(
         self,
         seed: int | None = None,
         keyframe: str = "",
         sensor: str | SensorConfig | None = None,
         scene: Mapping[str, float] | None = None,
-    ) -> CheckedReset:
+    ) -> PreparedReset:
         """Check a reset, for `reset_worlds`.
 
         Arguments and errors are those of `reset`; values may still make no model.
@@ -588,12 +588,12 @@ class World:
         if seed is not None:
             seed = plain_integer(seed, "seed")
         cameras = [
-            camera.resetting(None if seed is None else seed + place, sensor)
+            camera.prepare_reset(None if seed is None else seed + place, sensor)
             for place, camera in enumerate(self._cameras)
         ]
         values = None if scene is None else self._values.check(scene)
 
-        def put() -> None:
+        def commit() -> None:
             if seed is not None:
                 # a control seed of its own keeps its distance
                 self._control.reseed(self._control.seed + seed - self._seed)
@@ -606,7 +606,7 @@ class World:
             for view in self._views:
                 view.reset(seed)
 
-        return CheckedReset(start, values, put)
+        return PreparedReset(start, values, commit)
 
     def start_physics(self, keyframe: int) -> None:
         """Put the physics, and nothing else, where an episode begins.

@@ -19,7 +19,7 @@ from evs.emulator.base.scene import F64
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.config.settings import plain_integer
 from evs.emulator.render.registry import RENDERERS
-from evs.emulator.simulation.resets import reset_worlds, restore_worlds
+from evs.emulator.simulation.resets import over_at_once, reset_worlds, restore_worlds
 from evs.emulator.simulation.world import World
 from evs.emulator.simulation.world_batch import WorldBatch, stacked, why_one_by_one
 from evs.emulator.world import (
@@ -349,6 +349,7 @@ class Worlds:
         sensor: str | SensorConfig | Sequence[str | SensorConfig] | None = None,
         scene: Mapping[str, float] | Sequence[Mapping[str, float]] | None = None,
         start: Start | None = None,
+        must_run: bool = False,
     ) -> None:
         """Put worlds back to their beginning, each as of World.reset.
 
@@ -360,31 +361,12 @@ class Worlds:
             sensor: As of World.reset, for all of `worlds`, or one for each.
             scene: As of World.reset, for all of `worlds`, or values for each.
             start: Puts the MjData of a world into another state.
+            must_run: Whether a start outside the limits, where an episode is over at once, is an
+                error.
 
         Raises:
             EvsError: As of World.reset, a number that no world has, or another number of seeds,
                 sensors or scenes; nothing has changed in any world.
-        """
-        with self.resetting(
-            seed, worlds, keyframe=keyframe, sensor=sensor, scene=scene, start=start
-        ):
-            pass
-
-    @contextmanager
-    def resetting(
-        self,
-        seed: int | Sequence[int] | None = None,
-        worlds: Iterable[int] | None = None,
-        *,
-        keyframe: str = "",
-        sensor: str | SensorConfig | Sequence[str | SensorConfig] | None = None,
-        scene: Mapping[str, float] | Sequence[Mapping[str, float]] | None = None,
-        start: Start | None = None,
-    ) -> Iterator[None]:
-        """As `reset`, which the block may still refuse: if it raises, nothing has changed.
-
-        Arguments and errors are those of `reset`. In the block, the physics is where the episodes
-        begin, and `ended` is known.
         """
         chosen = self._chosen(worlds)
         seeds: list[int | None]
@@ -401,7 +383,7 @@ class Worlds:
         self._see_edits()
         self._settle(chosen)
         resets = [
-            self._worlds[number].check_reset(one, keyframe, *others)
+            self._worlds[number].prepare_reset(one, keyframe, *others)
             for number, one, *others in zip(chosen, seeds, sensors, scenes, strict=True)
         ]
         self._firsts = None
@@ -411,7 +393,8 @@ class Worlds:
             reset_worlds([self._worlds[number] for number in chosen], resets, starts),
         ):
             self._begin(chosen)
-            yield
+            if must_run and (over := [n for n in chosen if n in self.ended]):
+                raise over_at_once(self.ended[over[0]])
         # an edit that cannot be shown is reported by the next step, as of World
         with suppress(EvsError):
             self._see_rest(chosen)

@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from evs.emulator.base.protocols import Commit
 from evs.emulator.base.scene import F64
 from evs.emulator.world.compat import SLEEP, actuator_of
 from evs.emulator.world.model import name_of, new_data, one_line
@@ -343,7 +344,7 @@ class Physics:
         except BaseException:
             now = self.save()
             if any(now[name].tobytes() != array.tobytes() for name, array in before.items()):
-                self.restoring(before)()
+                self.prepare_restore(before)()
             raise
 
     @property
@@ -357,22 +358,22 @@ class Physics:
         return state_of(self.model, self.data)
 
     def save(self) -> dict[str, np.ndarray[Any, Any]]:
-        """Named arrays that `restoring` takes back."""
+        """Named arrays that `prepare_restore` takes back."""
         return {**save_physics(self.model, self.data), "tick": np.array(self.tick, np.int64)}
 
-    def restoring(self, saved: Arrays) -> Callable[[], None]:
-        """Checks what `save` gave; what comes back puts it in place. Raises EvsError."""
+    def prepare_restore(self, saved: Arrays) -> Commit:
+        """Checks what `save` gave; the commit puts it in place. Raises EvsError."""
         check_physics(self.model, self.data, saved)
         tick = saved.get("tick")
         if tick is None or tick.dtype != np.int64 or tick.shape or not 0 <= tick <= MAX_TICKS:
             raise EvsError("saved state is damaged: the number of ticks is invalid; save it again")
         number = int(tick)
 
-        def put() -> None:
+        def commit() -> None:
             put_physics(self.model, self.data, saved)
             self.tick = number
 
-        return put
+        return commit
 
     def take(self, state: F64, tick: int) -> None:
         """Be in a state, as of `state`, after so many ticks. What follows is not computed."""

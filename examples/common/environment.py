@@ -28,6 +28,7 @@ class SeededLoop(ClosedLoop, ABC):
         start: Callable[[MjData], None] | None = None,
         sensor: str | SensorConfig | None = None,
         scene: Mapping[str, float] | None = None,
+        must_run: bool = False,
     ) -> Observation:
         """Reset as ClosedLoop does; without `start`, the seed draws one.
 
@@ -38,13 +39,14 @@ class SeededLoop(ClosedLoop, ABC):
             start: sets the state in place of the drawn one.
             sensor: another sensor for every camera.
             scene: values of the scene.
+            must_run: whether an episode that is over at once is an error.
 
         Returns:
             The first observation.
         """
         seed = seed or 0
         drawn = self._draw_start(np.random.default_rng(seed % 2**64))
-        return super().reset(seed, keyframe, state, start or drawn, sensor, scene)
+        return super().reset(seed, keyframe, state, start or drawn, sensor, scene, must_run)
 
     @abstractmethod
     def _draw_start(self, random: np.random.Generator) -> Callable[[MjData], None]:

@@ -11,7 +11,7 @@ from evs.drivers.run.config import PipelineConfig
 from evs.emulator.base.protocols import Meter, NoMeter
 from evs.emulator.base.scene import F32, CameraPose, SceneSnapshot
 from evs.emulator.camera.camera import Camera
-from evs.emulator.camera.pixels import DoneTick, Pixels
+from evs.emulator.camera.pixel_pipeline import DoneTick, PixelPipeline
 from evs.emulator.config import ModelConfig
 from evs.emulator.sensor import SensorParameters, resolve_sensor
 from evs.emulator.simulation.pipelined import PipelinedWorld
@@ -118,7 +118,7 @@ class FramesCamera(Camera):
         self.reset()
 
 
-class FramesPixels(Pixels):
+class FramesPixels(PixelPipeline):
     """Each tick is a frame; the pictures between the last frame and it come first."""
 
     def __init__(

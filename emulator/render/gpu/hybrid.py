@@ -6,7 +6,7 @@ the nodes that its pixels miss.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.gpu.arrays import DeviceLight, power_from
 from evs.emulator.base.gpu.compiler import kernels_of
 from evs.emulator.base.gpu.driver import Gpu, the_gpu
+from evs.emulator.base.protocols import Commit
 from evs.emulator.base.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.config import RenderConfig
 from evs.emulator.render.direct import DirectRenderer, LentRenderer
@@ -120,16 +121,16 @@ class CudaHybridRenderer(CudaRenderer, HybridRenderer):
         self._fetch()
         return super().save()
 
-    def restoring(self, saved: Mapping[str, Any]) -> Callable[[], None]:
+    def prepare_restore(self, saved: Mapping[str, Any]) -> Commit:
         """As of HybridRenderer."""
-        put_here = super().restoring(saved)
+        commit_host = super().prepare_restore(saved)
 
-        def put() -> None:
-            put_here()
+        def commit() -> None:
+            commit_host()
             self._there.put_light()
             self._is_here = True
 
-        return put
+        return commit
 
     def lend(self) -> LentRenderer | str:
         """As of HybridRenderer."""

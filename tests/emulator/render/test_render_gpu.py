@@ -104,9 +104,9 @@ def test_soft_light_is_that_of_the_cpu(
         assert there.render(frame, pose).tobytes() == expected.tobytes(), tick
         if tick % 23 == 0:
             assert same_bytes(cpu.save(), there.save())
-    cpu.restoring(there.save())()
+    cpu.prepare_restore(there.save())()
     there.restart()
-    there.restoring(cpu.save())()
+    there.prepare_restore(cpu.save())()
     frame, pose = film[30]
     expected = cpu.render(frame, pose).copy()
     assert there.render(frame, pose).tobytes() == expected.tobytes()

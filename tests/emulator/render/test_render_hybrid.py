@@ -281,7 +281,7 @@ def test_a_saved_cache_goes_on_with_the_same_bytes() -> None:
     for instant in film[:70]:
         one.render(*instant)
     other = renderer_of(stage)
-    other.restoring(one.save())()
+    other.prepare_restore(one.save())()
     np.testing.assert_array_equal(other.render_again(*film[69]), one._luminance)
     for instant in film[70:]:
         np.testing.assert_array_equal(other.render(*instant), one.render(*instant))
@@ -296,7 +296,7 @@ def test_edges_that_ask_for_nodes_in_a_sweep_leave_nothing_behind() -> None:
     for _ in range(RENEWAL * QUARTERS - 1):
         one.render(*before)
     one.render(*after)
-    other.restoring(one.save())()
+    other.prepare_restore(one.save())()
     for _ in range(DROPPED):
         np.testing.assert_array_equal(one.render(*after), other.render(*after))
     np.testing.assert_array_equal(one.save()["light"], other.save()["light"])
@@ -324,7 +324,7 @@ def test_damaged_states_are_refused(damage: Callable[[dict], object]) -> None:
     saved = one.save()
     damage(saved)
     with pytest.raises(EvsError, match="saved state is damaged"):
-        renderer_of(stage).restoring(saved)()
+        renderer_of(stage).prepare_restore(saved)()
     np.testing.assert_array_equal(one._luminance, expected)
 
 

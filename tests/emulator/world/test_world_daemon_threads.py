@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 import evs
 from evs.emulator.config import ModelConfig
-from evs.emulator.camera.pixels import Pixels
+from evs.emulator.camera.pixel_pipeline import PixelPipeline
 from evs.emulator.sensor import SensorParameters
 
 XML = '''<mujoco><worldbody><light pos="0 0 2"/><geom type="plane" size="2 2 .1"/>
@@ -34,7 +34,8 @@ def steps():
         began.set()
 
 def sees():
-    pixels = Pixels(SensorParameters("test", 640, 480, 0.2, 0.2), ModelConfig(), seed=1, threads=2)
+    sensor = SensorParameters("test", 640, 480, 0.2, 0.2)
+    pixels = PixelPipeline(sensor, ModelConfig(), seed=1, threads=2)
     light = np.ones((2, 480, 640), np.float32)
     light[1] = 2
     for tick in range(10**9):

@@ -1,4 +1,4 @@
-"""Pixels: light of ticks into events of ticks, through event model and readout.
+"""PixelPipeline: light of ticks into events of ticks, through event model and readout.
 
 An event model may take several ticks at once (model.chunk): their light waits until the chunk is
 full, then the events of all its ticks come out, tick by tick, the same as with chunks of one.
@@ -6,14 +6,13 @@ full, then the events of all its ticks come out, tick by tick, the same as with 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from evs.emulator.base.features import UNFORCED, Switches
-from evs.emulator.base.protocols import ChunkedModel, DeviceModel
+from evs.emulator.base.protocols import ChunkedModel, Commit, DeviceModel
 from evs.emulator.base.scene import F32
 from evs.emulator.camera.event_models import check_chunk, make_event_model
 from evs.emulator.config import ModelConfig
@@ -44,7 +43,7 @@ class LentPixels(NamedTuple):
     """the state on a GPU, where they are stepped there"""
 
 
-class Pixels:
+class PixelPipeline:
     """The pixels of one camera with their state."""
 
     def __init__(
@@ -100,7 +99,7 @@ class Pixels:
         self._lit = False
 
     def save(self) -> Saved:
-        """Named arrays of all that they remember, which `restoring` takes back."""
+        """Named arrays of all that they remember, which `prepare_restore` takes back."""
         return {
             **joined(state=self._state.save()),
             **(joined(readout=self._read.save()) if self._read is not None else {}),
@@ -109,8 +108,8 @@ class Pixels:
             "waiting_us": np.array(self._waiting, np.int64).reshape(-1, 2),
         }
 
-    def restoring(self, saved: Saved, seed: int) -> Callable[[], None]:
-        """Check a saved state; the function that is returned puts it in place.
+    def prepare_restore(self, saved: Saved, seed: int) -> Commit:
+        """Check a saved state; the commit puts it in place.
 
         Args:
             saved: What `save` gave.
@@ -134,12 +133,12 @@ class Pixels:
         ):
             raise EvsError("saved state is damaged: the pending light is invalid; save it again")
 
-        def put() -> None:
+        def commit() -> None:
             self._seed, self._state, self._read, self._lit = seed, state, read, lit
             self._waiting = [(int(begin_us), int(end_us)) for begin_us, end_us in ticks]
             self._light[: len(light)] = light
 
-        return put
+        return commit
 
     def lend(self) -> LentPixels | str:
         """What steps in their place, with the same bytes, in a batch; or why it cannot.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.base.scene import F32
-from evs.emulator.camera.pixels import Pixels
+from evs.emulator.camera.pixel_pipeline import PixelPipeline
 from evs.emulator.config import ModelConfig
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
@@ -15,8 +15,8 @@ SENSOR = SensorParameters("test", 9, 6, 0.2, 0.2)
 TICKS = 21
 
 
-def pixels() -> Pixels:
-    return Pixels(SENSOR, ModelConfig(name="evsnet", chunk=8), seed=0)
+def pixels() -> PixelPipeline:
+    return PixelPipeline(SENSOR, ModelConfig(name="evsnet", chunk=8), seed=0)
 
 
 def film() -> F32:
