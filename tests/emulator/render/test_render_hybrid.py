@@ -203,6 +203,7 @@ def test_a_film_of_random_scenes_is_the_same_however_it_is_made() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.campaign
 def test_films_of_more_random_scenes_are_the_same() -> None:
     small = {"size": (39, 27)}
     check_film(range(100, 115), 10, of_seed, bulbs=True, **small)

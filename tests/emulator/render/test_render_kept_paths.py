@@ -161,11 +161,13 @@ def test_kept_paths_where_cameras_and_lights_move_too() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(("decades", "zoom"), [(1.0, 1.0), (6.0, 1.0), (3.0, 0.03)])
 def test_kept_paths_in_many_scenes(decades: float, zoom: float) -> None:
     shares(range(8000, 8040), 40, decades=decades, zoom=zoom)
 
 
 @pytest.mark.slow
+@pytest.mark.campaign
 def test_more_samples_at_edges_in_many_scenes() -> None:
     shares(range(8000, 8030), 40, spp=12, antialiasing="adaptive")

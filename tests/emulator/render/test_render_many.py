@@ -53,7 +53,9 @@ def test_random_scenes(seed: int, light: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("light", LIGHTS)
 @pytest.mark.parametrize(("decades", "zoom"), [(6.0, 1.0), (2.0, 300.0)])
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.campaign) for seed in range(2, 8))]
+)
 def test_more_random_scenes(seed: int, decades: float, zoom: float, light: str) -> None:
     stage = {"many": 5000 if seed == 0 else 400, "lights": 40, "decades": decades, "zoom": zoom}
     check(100 + seed, 4, LIGHTS[light], **stage)

@@ -26,6 +26,7 @@ def test_paths_among_physical_materials_in_fog_are_the_same() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(("decades", "zoom"), [(1.0, 1.0), (6.0, 1.0), (3.0, 0.03)])
 def test_paths_are_the_same_in_many_scenes(decades: float, zoom: float) -> None:
     check_film(range(7000, 7120), 4, paths, decades=decades, zoom=zoom)

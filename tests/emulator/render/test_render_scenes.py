@@ -35,6 +35,7 @@ def test_the_light_is_the_same_over_eight_decades_of_size() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(("decades", "zoom"), [(1.0, 1.0), (1.0, 1000.0), (6.0, 1.0), (3.0, 0.03)])
 def test_the_light_is_the_same_in_many_scenes(decades: float, zoom: float) -> None:
     check_film(range(5000, 5600), 12, decades=decades, zoom=zoom)
@@ -60,6 +61,7 @@ def test_a_pixel_of_a_physical_material_does_not_depend_on_its_neighbours() -> N
 
 
 @pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("zoom", [1.0, 30.0, 1000.0, 30000.0])
 def test_a_pixel_does_not_depend_on_its_neighbours_in_many_scenes(zoom: float) -> None:
     check_shifts(range(1000, 1500), zoom)
