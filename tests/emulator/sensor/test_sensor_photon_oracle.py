@@ -16,7 +16,7 @@ from evs.emulator.sensor.reference import ReferenceModel, caught_up
 from evs.emulator.sensor.running_mean import RunningMeanConstants
 from evs.msgs import EvsError
 
-WIDTH, HEIGHT = 12, 11
+WIDTH, HEIGHT = 12, 6
 SENSOR = SensorParameters(
     "test", WIDTH, HEIGHT, 0.2, 0.2, 0.03, log="ln", cutoff_hz=300.0, follower_hz=900.0,
     dark_lux=1.0, dim_lux=1.0, photocurrent_pa=0.3, leak_rate_hz=2.0, refractory_period_s=2e-4,
@@ -55,7 +55,7 @@ def films(ticks: int) -> Iterator[tuple[str, list[F32]]]:
 @pytest.mark.parametrize("terms", TERMS.values(), ids=TERMS)
 def test_native_is_the_oracle(terms: dict[str, Any], tick_us: int) -> None:
     sensor, events = replace(SENSOR, **terms), 0
-    for film, frames in films(8 if tick_us == 20_000 else 40):
+    for film, frames in films(8 if tick_us == 20_000 else 32):
         events += same_as_oracle(sensor, frames, tick_us, film)
     assert events > 0
 
