@@ -1,8 +1,9 @@
 """What learners take: environments, events from those of other libraries, and simulated samples."""
 
+from evs.drivers.environments.episode import EpisodeSpec
 from evs.drivers.environments.event_env import EventEnv
 from evs.drivers.environments.simulated_dataset import EpochSampler, SimulatedDataset
 from evs.drivers.environments.vector import make_vec
 from evs.drivers.environments.wrapping import wrap
 
-__all__ = ["EpochSampler", "EventEnv", "SimulatedDataset", "make_vec", "wrap"]
+__all__ = ["EpisodeSpec", "EpochSampler", "EventEnv", "SimulatedDataset", "make_vec", "wrap"]

@@ -6,22 +6,19 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from multiprocessing import parent_process
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from evs.drivers.run.sensor_ranges import read_ranges, split_ranges
+from evs.drivers.environments.episode import EpisodeSpec
 from evs.emulator import Worlds
-from evs.emulator.base.package_paths import in_package
 from evs.emulator.base.scene import GroundTruth
-from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
+from evs.emulator.config import CameraConfig, SceneConfig
+from evs.emulator.config.keywords import fields_as_keywords
 from evs.emulator.config.settings import plain_integer
-from evs.emulator.sensor.randomisation import SensorRanges
-from evs.emulator.simulation.initial_states import Start, begin, check_start
-from evs.emulator.simulation.scene_ranges import SceneRanges
+from evs.emulator.simulation.initial_states import begin, check_start
 from evs.emulator.simulation.stacked_arrays import StackedArrays
-from evs.emulator.world import ControlFunction, MjData, Scene, load_model
+from evs.emulator.world import ControlFunction, MjData, Scene
 from evs.msgs import EvsError, unknown
 
 Sample = dict[str, Any]
@@ -51,6 +48,7 @@ _inherited: list[Any] = []
 never dropped"""
 
 
+@fields_as_keywords(EpisodeSpec)
 class SimulatedDataset:
     """Samples of events and ground truth, each an episode of its own; nothing is on disk.
 
@@ -80,74 +78,51 @@ class SimulatedDataset:
 
     def __init__(
         self,
-        scene: Scene | SceneConfig,
+        scene: Scene | SceneConfig | EpisodeSpec,
         cameras: str | CameraConfig | Sequence[str | CameraConfig] = ("",),
         *,
         samples: int,
         seed: int = 0,
         representation: str | None = "voxel_grid",
-        bins: int = 5,
-        tau_us: float = 30_000.0,
-        capacity: int = 2048,
-        sensor: str | SensorConfig = "davis346",
-        render: RenderConfig | None = None,
-        model: ModelConfig | None = None,
-        ticks: int = 50,
         sequence: int | None = None,
         warm_up: int = 0,
-        tick_us: int = 1000,
         control: str | ControlFunction = "random",
-        start: Start | None = None,
-        keyframe: str = "",
         truth: Iterable[str] = (),
         sensors: Iterable[str] = (),
-        randomise: Mapping[str, Any] | str | Path | None = None,
-        limits: Mapping[str, tuple[float, float]] | None = None,
         attempts: int = 1,
         worlds: int = 16,
         threads: int = 0,
+        **fields: Any,
     ) -> None:
         """Load the scene and check everything; the worlds are made with the first sample.
 
         Args:
-            scene: As of Worlds, or `package:path`.
-            cameras: As of World.add_camera, one or several.
+            scene: See EpisodeSpec; or an EpisodeSpec.
+            cameras: See EpisodeSpec.
             samples: How many an epoch has.
             seed: What all samples follow from.
             representation: event_frame | voxel_grid | time_surface | packet, as of StackedArrays;
                 None: the events themselves.
-            bins: Of a voxel grid.
-            tau_us: Time constant of a time surface, us.
-            capacity: Events of a packet.
-            sensor: As of World.add_camera, the same for all cameras.
-            render: As of World.add_camera.
-            model: As of World.add_camera.
-            ticks: Length of a sample.
             sequence: Slices of `ticks` that follow each other in a sample: what changes gets a
                 first axis of this length; None: one slice, without that axis.
             warm_up: Ticks before the sample, whose events are dropped.
-            tick_us: As of World.
             control: As of World.
-            start: Where an episode begins: name of a joint -> range of its position; or
-                f(random, data).
-            keyframe: As of World.reset.
             truth: Names of ground truth: luminance, or a field of GroundTruth, of each camera; and
                 qpos, qvel and ctrl.
             sensors: Names of <sensor>s of the model.
-            randomise: Key of [sensor] -> its range, as of evs.SensorRanges, and under "scene" those
-                of the scene, as of evs.SceneRanges; or a TOML file with a table [randomise]:
-                another sensor, the same for all cameras, and another scene in every sample.
-            limits: Name of a <sensor> -> (low, high): a world ends where it is left.
             attempts: How often a sample is drawn until its world does not end.
             worlds: Samples that are simulated side by side at most.
             threads: Of this process; 0: one a core, but one in the worker of a loader.
+            **fields: Fields of EpisodeSpec.
 
         Raises:
             EvsError: An argument is not possible; the message is one line.
         """
         self.seed, self.epoch = plain_integer(seed, "seed"), 0
+        spec = EpisodeSpec.of(scene, cameras, fields)
         self._length = _at_least(1, samples, "samples", MOST)
-        self._ticks, self._warm_up = _at_least(1, ticks, "ticks"), _at_least(0, warm_up, "warm_up")
+        self._ticks = _at_least(1, spec.ticks, "ticks")
+        self._warm_up = _at_least(0, warm_up, "warm_up")
         self._sequence = None if sequence is None else _at_least(1, sequence, "sequence")
         self._attempts = _at_least(1, attempts, "attempts")
         self._most = _at_least(1, worlds, "worlds")
@@ -156,34 +131,22 @@ class SimulatedDataset:
         for name in self._truth:
             if name not in (*IMAGES, *STATES):
                 raise unknown("truth", name, (*IMAGES, *STATES))
-        self._sensors, self._limits = _names(sensors, "sensors"), limits
-        if isinstance(randomise, str | Path):
-            randomise = read_ranges(in_package(str(randomise)))
-        sensor_ranges, scene_ranges = split_ranges(randomise)
-        self.ranges = SensorRanges(sensor_ranges, sensor) if sensor_ranges else None
+        self._sensors = _names(sensors, "sensors")
+        self.ranges = spec.sensor_ranges()
         """what the sensor of each sample is drawn from; None: it stays the same"""
-        if isinstance(scene, SceneConfig):
-            self._scene: Any = scene
-        else:
-            # loaded once, so that all processes have the same
-            self._scene = load_model(scene)
-        self._tick_us, self._control, self._keyframe = tick_us, control, keyframe
-        several = [cameras] if isinstance(cameras, str | CameraConfig) else [*cameras]
-        if not several:
+        if not spec.all_cameras:
             raise EvsError('there is no camera: name one, or give "" for the first')
-        self._cameras: list[dict[str, Any]] = [
-            {"camera": one, "sensor": sensor, "render": render, "model": model} for one in several
-        ]
-        self._representation = representation
-        self._options: dict[str, Any] = {"bins": bins, "tau_us": tau_us, "capacity": capacity}
+        self._control, self._representation = control, representation
         self._worlds: Worlds | None = None
         self._arrays: list[StackedArrays] = []
         self._pid = 0
+        self.spec = spec.loaded()
+        """what its samples are episodes of"""
         trial = self._make(1, threads=1)
-        self.scene_ranges = SceneRanges(scene_ranges, trial.model) if scene_ranges else None
+        self.scene_ranges = spec.scene_ranges(trial.model, trial.world(0).visual)
         """what its scene is drawn from; None: it stays the same"""
-        self._start = check_start(trial.model, start or {})
-        trial.reset(keyframe=keyframe)
+        self._start = check_start(trial.model, spec.start or {})
+        trial.reset(keyframe=spec.keyframe)
         self.infos = trial.infos
         """what is constant of the cameras' streams"""
         self.cameras = trial.cameras
@@ -199,8 +162,7 @@ class SimulatedDataset:
     @property
     def needs_gpu(self) -> bool:
         """Whether a render.device is cuda, so that only a machine with a GPU makes samples."""
-        renders = (camera["render"] for camera in self._cameras)
-        return any(render is not None and render.device == "cuda" for render in renders)
+        return self.spec.render is not None and self.spec.render.device == "cuda"
 
     def __repr__(self) -> str:
         return f"<evs.SimulatedDataset: {len(self)} of {', '.join(self.cameras)}>"
@@ -286,32 +248,13 @@ class SimulatedDataset:
         return epoch, place
 
     def _make(self, count: int, threads: int) -> Worlds:
-        worlds = Worlds(
-            self._scene,
-            count,
-            tick_us=self._tick_us,
-            control=self._control,
-            threads=threads,
-            limits=self._limits,
-            sensors=self._sensors or None,
-        )
-        for camera in self._cameras:
-            worlds.add_camera(**camera)
-        return worlds
+        sensors = self._sensors or None
+        return self.spec.make_worlds(count, threads=threads, control=self._control, sensors=sensors)
 
     def _make_arrays(self, count: int, threads: int) -> list[StackedArrays]:
         if self._representation is None:
             return []
-        return [
-            StackedArrays(
-                self._representation,
-                count,
-                (one.width, one.height),
-                threads=threads,
-                **self._options,
-            )
-            for one in self.infos
-        ]
+        return self.spec.make_arrays(self._representation, self.infos, count, threads)
 
     def _ready(self, count: int) -> Worlds:
         """Worlds of this process, this many or more."""
@@ -338,7 +281,7 @@ class SimulatedDataset:
                 return [found[world] for world in range(len(places))]
         world = next(one for one in range(len(places)) if one not in found)
         epoch, number = places[world]
-        mend = "narrow start and control" + (", or widen limits" if self._limits else "")
+        mend = "narrow start and control" + (", or widen limits" if self.spec.limits else "")
         if self._attempts == 1:
             mend += ", or give attempts=10, and it is drawn again"
         when = f" in each of {self._attempts} attempts" if self._attempts > 1 else ""
@@ -396,7 +339,7 @@ class SimulatedDataset:
         worlds.reset(
             [*seeds.values()],
             [*seeds],
-            keyframe=self._keyframe,
+            keyframe=self.spec.keyframe,
             sensor=[one.config for one in sensors] or None,
             scene=scenes or None,
             start=put,

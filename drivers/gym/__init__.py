@@ -10,5 +10,6 @@ or in one: `gymnasium.make("evs.drivers.gym:evs/CartPole-v0")`.
 from evs.drivers.gym.loop_env import LoopEnv
 from evs.drivers.gym.loop_vector_env import LoopVectorEnv
 from evs.drivers.gym.registration import ENVIRONMENTS, register_all
+from evs.drivers.gym.task import TaskSpec
 
-__all__ = ["ENVIRONMENTS", "LoopEnv", "LoopVectorEnv", "register_all"]
+__all__ = ["ENVIRONMENTS", "LoopEnv", "LoopVectorEnv", "TaskSpec", "register_all"]

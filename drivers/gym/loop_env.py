@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.gym.event_observations import StepEvents, make_event_observation
 from evs.drivers.gym.library import gymnasium
-from evs.drivers.gym.task import Reward, Task, random_unchanged_on_error, sized
+from evs.drivers.gym.task import Task, TaskSpec, random_unchanged_on_error
 from evs.drivers.pictures import upscale
-from evs.drivers.run.sensor_ranges import read_ranges, split_ranges
 from evs.emulator import ClosedLoop, Observation, View
-from evs.emulator.base.package_paths import in_package
 from evs.emulator.base.rollback import unchanged_on_error
-from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
-from evs.emulator.config.keywords import named_keywords
+from evs.emulator.config import CameraConfig, SensorConfig
+from evs.emulator.config.keywords import fields_as_keywords
 from evs.emulator.config.schema import DelayConfig
-from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
-from evs.emulator.simulation.initial_states import Start, begin
-from evs.emulator.simulation.scene_ranges import DrawnScene, SceneRanges
-from evs.emulator.world import NamedSensors, Scene, Visual
+from evs.emulator.sensor.randomisation import DrawnSensor
+from evs.emulator.simulation.initial_states import begin
+from evs.emulator.simulation.scene_ranges import DrawnScene
+from evs.emulator.simulation.worlds import WorldsEvents
+from evs.emulator.world import NamedSensors, Scene
 from evs.msgs import Events, EvsError, empty_events, join_events
 from evs.msgs.pictures import U8, event_frame, exposure_for, to_srgb8
 
@@ -38,7 +35,7 @@ METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps"
 """of ten ticks a step; an environment has its own number"""
 
 
-@named_keywords
+@fields_as_keywords(TaskSpec)
 class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     """A closed loop whose step is `ticks` ticks; observations are events, and encoders on request.
 
@@ -50,121 +47,65 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
 
     def __init__(
         self,
-        scene: Scene,
-        cameras: str | CameraConfig | tuple[str | CameraConfig, ...] = ("",),
+        scene: Scene | TaskSpec,
+        cameras: str | CameraConfig | Sequence[str | CameraConfig] = ("",),
         *,
-        observation: str = "event_frame",
-        encoders: bool = False,
-        bins: int = 5,
-        tau_us: float = 30_000.0,
-        capacity: int = 2048,
-        sensor: str | SensorConfig = "ideal",
-        size: tuple[int, int] | None = (64, 64),
-        render: RenderConfig | None = None,
-        model: ModelConfig | None = None,
-        ticks: int = 10,
-        tick_us: int = 1000,
-        max_s: float = 5.0,
-        limits: Mapping[str, tuple[float, float]] | None = None,
-        reward: Reward | None = None,
-        alive: float = 1.0,
-        start: Start | None = None,
         delays: DelayConfig | None = None,
-        keyframe: str = "",
-        control_range: Mapping[str, tuple[float, float]] | None = None,
         threads: int = 1,
         render_mode: str | None = None,
         render_camera: str | CameraConfig = "",
-        randomise: Mapping[str, Any] | str | Path | None = None,
-        visual: Visual | None = None,
+        **fields: Any,
     ) -> None:
         """Load the scene and set up its cameras.
 
         Args:
-            scene: MJCF or MJB file, `package:path`, MjModel or MjSpec
-            cameras: names of the model's, or descriptions, as of evs.ClosedLoop
-            observation: event_frame | voxel_grid | time_surface | packet
-            encoders: the actuators' encoders too; observations then are a Dict
-            bins: of the voxel grid
-            tau_us: time constant of the time surface, us
-            capacity: events that a packet holds
-            sensor: preset or SensorConfig
-            size: (width, height) of the sensor, px; None: its own
-            render: the renderer, as of evs.ClosedLoop
-            model: the event model, as of evs.ClosedLoop
-            ticks: how many ticks a step takes
-            tick_us: length of a tick, us
-            max_s: simulated seconds after which an episode is truncated
-            limits: name of a <sensor> -> range whose leaving terminates the episode
-            reward: name of a <sensor> -> weight of its length; or f(sensors, control) -> float
-            alive: added for each step that did not terminate the episode
-            start: name of a joint -> range of its position at reset; or f(random, data)
+            scene: See TaskSpec; or a TaskSpec.
+            cameras: See TaskSpec.
             delays: between camera, agent and actuators, and packets lost, as of evs.ClosedLoop
-            keyframe: the one to start from; "" is as the model says
-            control_range: name of an actuator -> (low, high), instead of its ctrlrange
             threads: of the renderer; several environments in parallel are fastest with one each
             render_mode: None, rgb_array, or human: a page in the browser shows every step, in real
                 time (extra web)
             render_camera: the camera of `render`; "" is the model's first, or a free one
-            randomise: key of [sensor] -> its range, as of evs.SensorRanges, and under "scene" those
-                of the scene, as of evs.SceneRanges; or a TOML file with a table [randomise]:
-                another sensor in every episode, the same for all cameras, and another scene; what
-                was drawn is info["sensor"] and info["scene"]
-            visual: groups and flags that are seen, as of evs.World
+            **fields: fields of TaskSpec; what `randomise` drew is info["sensor"] and info["scene"]
 
         Raises:
             EvsError: an argument is not possible; the message is one line
         """
+        spec = TaskSpec.of(scene, cameras, fields)
         # what a copy is made with
-        self._arguments = {
-            name: value for name, value in locals().items() if name not in ("self", "__class__")
+        self._arguments: dict[str, Any] = {
+            "scene": spec,
+            "delays": delays,
+            "threads": threads,
+            "render_mode": render_mode,
+            "render_camera": render_camera,
         }
         modes = self.metadata["render_modes"]
         if render_mode is not None and render_mode not in modes:
             raise EvsError(f"render_mode is {render_mode!r}; give None, {' or '.join(modes)}")
         self.render_mode = render_mode
-        sensor = sized(sensor, size)
-        if isinstance(randomise, str | Path):
-            randomise = read_ranges(in_package(str(randomise)))
-        sensor_ranges, scene_ranges = split_ranges(randomise)
-        self.ranges = SensorRanges(sensor_ranges, sensor) if sensor_ranges else None
+        self.ranges = spec.sensor_ranges()
         """what the sensor of each episode is drawn from; None: it stays the same"""
         self.loop = ClosedLoop(
-            scene,
-            cameras,
-            tick_us=tick_us,
-            sensor=sensor,
-            render=render,
-            model=model,
+            spec.scene,
+            spec.all_cameras,
+            tick_us=spec.tick_us,
+            sensor=spec.sized_sensor,
+            render=spec.render,
+            model=spec.model,
             threads=threads,
-            limits=limits,
+            limits=spec.limits,
             delays=delays,
-            visual=visual,
+            visual=spec.visual,
         )
         world = self.loop.world
-        self.scene_ranges = (
-            SceneRanges(scene_ranges, world.model, world.visual) if scene_ranges else None
-        )
+        self.scene_ranges = spec.scene_ranges(world.model, world.visual)
         """what the scene of each episode is drawn from; None: it stays the same"""
-        self._keyframe = keyframe
-        self._views = {
-            camera.name: make_event_observation(
-                observation, (camera.info.width, camera.info.height), bins, tau_us, capacity
-            )
-            for camera in world.cameras
-        }
-        self._task = Task(
-            world.model,
-            {name: view.space for name, view in self._views.items()},
-            encoders=encoders,
-            ticks=ticks,
-            tick_us=self.loop.tick_us,
-            max_s=max_s,
-            reward=reward,
-            alive=alive,
-            start=start,
-            ranges=control_range,
-        )
+        self._keyframe = spec.keyframe
+        names = [camera.name for camera in world.cameras]
+        arrays = spec.make_arrays(spec.observation, self.loop.streams, 1, 1)
+        self._arrays = dict(zip(names, arrays, strict=True))
+        self._task = Task(spec, world.model, self._arrays, self.loop.tick_us)
         self.metadata = METADATA | self._task.metadata
         self._sensors = NamedSensors(world.model, self._task.sensors)
         self._scene = (
@@ -201,7 +142,8 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             deepcopy(self._np_random, memo),
             self._np_random_seed,
         )
-        twin._views = deepcopy(self._views, memo)
+        for arrays, own in zip(twin._arrays.values(), self._arrays.values(), strict=True):
+            arrays.go_on_from(own)
         twin.seen, twin.drawn, twin._events = self.seen, self.drawn, dict(self._events)
         twin.drawn_scene = self.drawn_scene
         return twin
@@ -243,8 +185,8 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
                 must_run=True,
             )
         self._began_us = 0
-        for view in self._views.values():
-            view.reset()
+        for arrays in self._arrays.values():
+            arrays.reset()
         self._show(self.seen, begins=True)
         return self._observed(self.seen)
 
@@ -298,22 +240,23 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         """The observation of the agent, and its info."""
         self._events = {
             name: join_events([p.events for p in seen.packets if p.camera == name])
-            for name in self._views
+            for name in self._arrays
         }
         begin_us, self._began_us = self._began_us, seen.t_us
         # before the first tick the interval would be empty
         begin_us = min(begin_us, seen.t_us - 1)
-        arrays = [
-            view.observe(StepEvents(self._events[name], begin_us, seen.t_us))
-            for name, view in self._views.items()
-        ]
+        rows = []
+        for name, arrays in self._arrays.items():
+            events = self._events[name]
+            one_world = WorldsEvents(events, np.array([0, len(events)], np.int64))
+            rows.append(arrays.encode(one_world, begin_us, seen.t_us)[0].copy())
         count = sum(len(events) for events in self._events.values())
         info: dict[str, Any] = {"t_us": seen.t_us, "events": count, "done": seen.done}
         if self.drawn:
             info["sensor"] = dict(self.drawn.values)
         if self.drawn_scene:
             info["scene"] = dict(self.drawn_scene.values)
-        return self._task.observation(arrays, seen.position, seen.velocity), info
+        return self._task.observation(rows, seen.position, seen.velocity), info
 
     def render(self) -> U8 | None:
         """(h, w, 3) uint8 sRGB: scene and events of the last step; None but with rgb_array."""

@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from copy import deepcopy
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.gym.event_observations import make_event_observation
 from evs.drivers.gym.library import seeding, vector
 from evs.drivers.gym.loop_env import METADATA
-from evs.drivers.gym.task import Reward, Task, random_unchanged_on_error, sized
-from evs.drivers.run.sensor_ranges import read_ranges, split_ranges
-from evs.emulator import Worlds
-from evs.emulator.base.package_paths import in_package
+from evs.drivers.gym.task import Task, TaskSpec, random_unchanged_on_error
 from evs.emulator.base.rollback import unchanged_on_error
-from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
-from evs.emulator.config.keywords import named_keywords
+from evs.emulator.config import CameraConfig
+from evs.emulator.config.keywords import fields_as_keywords
 from evs.emulator.config.settings import plain_integer
-from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
-from evs.emulator.simulation.initial_states import Start, begin
-from evs.emulator.simulation.scene_ranges import DrawnScene, SceneRanges
-from evs.emulator.simulation.stacked_arrays import StackedArrays
-from evs.emulator.world import MjData, Scene, Visual, load_model
+from evs.emulator.sensor.randomisation import DrawnSensor
+from evs.emulator.simulation.initial_states import begin
+from evs.emulator.simulation.scene_ranges import DrawnScene
+from evs.emulator.world import MjData, Scene
 from evs.msgs import EvsError
 
 AutoresetMode, batch_space = vector.AutoresetMode, vector.utils.batch_space
@@ -34,7 +28,7 @@ Flags = npt.NDArray[np.bool_]
 I64 = npt.NDArray[np.int64]
 
 
-@named_keywords
+@fields_as_keywords(TaskSpec)
 class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
     """Many LoopEnv in one process: the same arguments, spaces, rewards and, by seed, bytes.
 
@@ -45,68 +39,30 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
 
     def __init__(
         self,
-        scene: Scene,
-        cameras: str | CameraConfig | tuple[str | CameraConfig, ...] = ("",),
+        scene: Scene | TaskSpec,
+        cameras: str | CameraConfig | Sequence[str | CameraConfig] = ("",),
         *,
         num_envs: int = 1,
-        observation: str = "event_frame",
-        encoders: bool = False,
-        bins: int = 5,
-        tau_us: float = 30_000.0,
-        capacity: int = 2048,
-        sensor: str | SensorConfig = "ideal",
-        size: tuple[int, int] | None = (64, 64),
-        render: RenderConfig | None = None,
-        model: ModelConfig | None = None,
-        ticks: int = 10,
-        tick_us: int = 1000,
-        max_s: float = 5.0,
-        limits: Mapping[str, tuple[float, float]] | None = None,
-        reward: Reward | None = None,
-        alive: float = 1.0,
-        start: Start | None = None,
-        keyframe: str = "",
-        control_range: Mapping[str, tuple[float, float]] | None = None,
         threads: int = 0,
         render_mode: str | None = None,
         render_camera: str | CameraConfig = "",
-        randomise: Mapping[str, Any] | str | Path | None = None,
         autoreset_mode: str | vector.AutoresetMode = AutoresetMode.NEXT_STEP,
         copy: bool = True,
-        visual: Visual | None = None,
+        **fields: Any,
     ) -> None:
         """Load the scene once, and make so many worlds of it.
 
         Args:
-            scene: As of LoopEnv, and so are those below but for the ones explained.
-            cameras: As of LoopEnv.
+            scene: See TaskSpec; or a TaskSpec.
+            cameras: See TaskSpec.
             num_envs: How many environments.
-            observation: As of LoopEnv.
-            encoders: As of LoopEnv.
-            bins: As of LoopEnv.
-            tau_us: As of LoopEnv.
-            capacity: As of LoopEnv.
-            sensor: As of LoopEnv.
-            size: As of LoopEnv.
-            render: As of LoopEnv.
-            model: As of LoopEnv.
-            ticks: As of LoopEnv.
-            tick_us: As of LoopEnv.
-            max_s: As of LoopEnv.
-            limits: As of LoopEnv.
-            reward: As of LoopEnv.
-            alive: As of LoopEnv.
-            start: As of LoopEnv.
-            keyframe: As of LoopEnv.
-            control_range: As of LoopEnv.
-            threads: worlds at once; 0: one a core
+            threads: worlds at once; 0: one per core
             render_mode: None: the environments of gymnasium.make have pictures
             render_camera: not used
-            randomise: As of LoopEnv.
             autoreset_mode: when an environment whose episode is over begins another: NextStep,
                 SameStep or Disabled, as of gymnasium.vector
             copy: whether observations are copies; False: the next step overwrites them
-            visual: As of LoopEnv.
+            **fields: fields of TaskSpec
 
         Raises:
             EvsError: an argument is not possible; the message is one line
@@ -120,61 +76,19 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
         self.num_envs = plain_integer(num_envs, "num_envs")
         self.render_mode, self._copy = None, bool(copy)
         self.autoreset_mode = _autoreset(autoreset_mode)
-        sensor = sized(sensor, size)
-        if isinstance(randomise, str | Path):
-            randomise = read_ranges(in_package(str(randomise)))
-        sensor_ranges, scene_ranges = split_ranges(randomise)
-        self.ranges = SensorRanges(sensor_ranges, sensor) if sensor_ranges else None
-        model_ = load_model(scene)
-        self.scene_ranges = SceneRanges(scene_ranges, model_, visual) if scene_ranges else None
-        several = (cameras,) if isinstance(cameras, str | CameraConfig) else tuple(cameras)
-        # the camera's names and sizes are the worlds' own; the task wants them before
-        probe = Worlds(model_, 1, tick_us=tick_us, threads=1, visual=visual)
-        infos = [
-            probe.add_camera(one, sensor=sensor, render=render, model=model) for one in several
-        ]
-        options = (bins, tau_us, capacity)
-        self._task = task = Task(
-            model_,
-            {
-                info.camera: make_event_observation(
-                    observation, (info.width, info.height), *options
-                ).space
-                for info in infos
-            },
-            encoders=encoders,
-            ticks=ticks,
-            tick_us=infos[0].tick_us,
-            max_s=max_s,
-            reward=reward,
-            alive=alive,
-            start=start,
-            ranges=control_range,
+        spec = TaskSpec.of(scene, cameras, fields)
+        self.ranges = spec.sensor_ranges()
+        spec = spec.loaded()
+        # the cameras' names and sizes are the worlds' own; the task wants them before
+        probe = spec.make_worlds(1, threads=1)
+        self.scene_ranges = spec.scene_ranges(probe.model, spec.visual)
+        self._arrays = spec.make_arrays(spec.observation, probe.infos, num_envs, threads)
+        by_name = dict(zip(probe.cameras, self._arrays, strict=True))
+        self._task = task = Task(spec, probe.model, by_name, probe.infos[0].tick_us)
+        self.worlds = spec.make_worlds(
+            num_envs, threads=threads, sensors=task.sensors if task.measures else None
         )
-        self.worlds = Worlds(
-            model_,
-            num_envs,
-            tick_us=tick_us,
-            threads=threads,
-            limits=limits,
-            sensors=task.sensors if task.measures else None,
-            visual=visual,
-        )
-        for one in several:
-            self.worlds.add_camera(one, sensor=sensor, render=render, model=model)
-        self._arrays = [
-            StackedArrays(
-                observation,
-                num_envs,
-                (info.width, info.height),
-                bins=bins,
-                tau_us=tau_us,
-                capacity=capacity,
-                threads=threads,
-            )
-            for info in infos
-        ]
-        self._keyframe = keyframe
+        self._keyframe = spec.keyframe
         self.metadata = {
             **METADATA,
             **task.metadata,

@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from evs.drivers.environments.episode import EpisodeSpec
 from evs.drivers.gym.actions import Actions
 from evs.drivers.gym.library import spaces
 from evs.emulator.config import SensorConfig
+from evs.emulator.config.keywords import named_keywords
 from evs.emulator.config.settings import plain_integer
-from evs.emulator.simulation.initial_states import Start, check_start
+from evs.emulator.simulation.initial_states import check_start
+from evs.emulator.simulation.stacked_arrays import FULL, StackedArrays
 from evs.emulator.world import MjModel, NamedSensors, actuator_names, control_range
 from evs.msgs import EvsError, unknown
 
@@ -42,55 +45,91 @@ def random_unchanged_on_error(*generators: np.random.Generator | None) -> Iterat
         raise
 
 
+@named_keywords
+@dataclass(frozen=True, eq=False)
+class TaskSpec(EpisodeSpec):
+    """Episodes in which an agent acts: what it observes and is rewarded for, and how long.
+
+    LoopEnv, LoopVectorEnv, `gymnasium.make` and evs.make_vec take these fields as keywords, or a
+    value in place of the scene.
+    """
+
+    sensor: str | SensorConfig = "ideal"
+    """preset or SensorConfig"""
+    ticks: int = 10
+    """how many a step takes"""
+    size: tuple[int, int] | None = (64, 64)
+    """(width, height) of the sensor, px, unless its SensorConfig states one; None: its own"""
+    observation: str = "event_frame"
+    """event_frame | voxel_grid | time_surface | packet"""
+    encoders: bool = False
+    """the actuators' encoders too; observations then are a Dict"""
+    max_s: float = 5.0
+    """simulated seconds after which an episode is truncated"""
+    reward: Reward | None = None
+    """name of a <sensor> -> weight of its length; or f(sensors, control) -> float"""
+    alive: float = 1.0
+    """added for each step that did not terminate the episode"""
+    control_range: Mapping[str, tuple[float, float]] | None = None
+    """name of an actuator -> (low, high), instead of its ctrlrange"""
+
+    @property
+    def sized_sensor(self) -> SensorConfig:
+        """The sensor with this size. Raises EvsError."""
+        return sized(self.sensor, self.size)
+
+
+def observation_space(arrays: StackedArrays) -> spaces.Box:
+    """The space of a camera's observation, a row of these arrays."""
+    shape = arrays.array.shape[1:]
+    if arrays.kind == "packet":
+        width, height = arrays.size
+        oldest = np.iinfo(np.int32).min
+        low = np.tile(np.array([oldest, 0, 0, -1], np.int32), (shape[0], 1))
+        high = np.tile(np.array([0, width - 1, height - 1, 1], np.int32), (shape[0], 1))
+        return spaces.Box(low, high, dtype=np.int32)
+    ends = {"event_frame": (0, FULL), "voxel_grid": (-FULL, FULL)}.get(arrays.kind, (0, 1))
+    return spaces.Box(*ends, shape, arrays.array.dtype.type)
+
+
 class Task:
-    """What an agent does, sees and is rewarded for, and how long."""
+    """What an agent does, observes and is rewarded for, and how long."""
 
     def __init__(
         self,
+        spec: TaskSpec,
         model: MjModel,
-        cameras: Mapping[str, spaces.Box],
-        *,
-        encoders: bool,
-        ticks: int,
+        cameras: Mapping[str, StackedArrays],
         tick_us: int,
-        max_s: float,
-        reward: Reward | None,
-        alive: float,
-        start: Start | None,
-        ranges: Mapping[str, tuple[float, float]] | None,
     ) -> None:
         """Check everything.
 
         Args:
+            spec: The fields of an environment.
             model: The model.
-            cameras: Name of a camera -> the space of its observation.
-            encoders: As of LoopEnv.
-            ticks: As of LoopEnv.
-            tick_us: As of LoopEnv.
-            max_s: As of LoopEnv.
-            reward: As of LoopEnv.
-            alive: As of LoopEnv.
-            start: As of LoopEnv.
-            ranges: LoopEnv's control_range.
+            cameras: Name of a camera -> the arrays of its observations.
+            tick_us: Length of a tick, us.
 
         Raises:
-            EvsError: An argument is not possible; the message is one line.
+            EvsError: A field is not possible; the message is one line.
         """
-        self.ticks, self._tick_us = _whole_ticks(ticks), tick_us
-        self.max_us = _microseconds(max_s)
+        self.ticks, self._tick_us = _whole_ticks(spec.ticks), tick_us
+        self.max_us = _microseconds(spec.max_s)
         known = NamedSensors(model).names
-        self._reward = _checked_reward(reward or {}, known)
+        self._reward = _checked_reward(spec.reward or {}, known)
         self.sensors = known if callable(self._reward) else tuple(self._reward)
         """the <sensor>s whose readings the reward needs"""
-        if not isinstance(alive, int | float):
-            raise EvsError(f"alive is {alive!r}; give what a step adds, a number")
-        self._alive = float(alive)
-        self.start = check_start(model, start or {})
-        self._actions = Actions(actuator_names(model), control_range(model), ranges)
+        if not isinstance(spec.alive, int | float):
+            raise EvsError(f"alive is {spec.alive!r}; give what a step adds, a number")
+        self._alive = float(spec.alive)
+        self.start = check_start(model, spec.start or {})
+        names, ranges = actuator_names(model), control_range(model)
+        self._actions = Actions(names, ranges, spec.control_range)
         self.action_space = self._actions.space
-        self._encoders = encoders
+        self._encoders = spec.encoders
         self._cameras = tuple(cameras)
-        self.observation_space = self._space(cameras, int(model.nu))
+        found = {name: observation_space(arrays) for name, arrays in cameras.items()}
+        self.observation_space = self._space(found, int(model.nu))
 
     def _space(self, cameras: Mapping[str, spaces.Box], nu: int) -> spaces.Space[Any]:
         keys = dict(zip(self._keys(), cameras.values(), strict=True))

@@ -43,6 +43,28 @@ def check_keywords(function: Callable[P, R], name: str) -> Callable[P, R]:
     return checked
 
 
+def fields_as_keywords(spec: type) -> Callable[[type[C]], type[C]]:
+    """Decorate a class whose constructor takes the fields of a dataclass as **keywords.
+
+    `help` lists them, and `named_keywords` knows them.
+    """
+
+    def decorate(kind: type[C]) -> type[C]:
+        begin: Any = kind.__init__
+        signature = inspect.signature(begin)
+        own = [one for one in signature.parameters.values() if one.kind is not one.VAR_KEYWORD]
+        names = {one.name for one in own}
+        fields = [
+            one.replace(kind=one.KEYWORD_ONLY)
+            for one in inspect.signature(spec).parameters.values()
+            if one.name not in names
+        ]
+        begin.__signature__ = signature.replace(parameters=[*own, *fields])
+        return named_keywords(kind)
+
+    return decorate
+
+
 def named_keywords(kind: type[C]) -> type[C]:
     """Decorate a class: an unknown keyword of its constructor is answered with the nearest."""
     begin: Any = check_keywords(kind.__init__, kind.__name__)

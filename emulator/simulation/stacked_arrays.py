@@ -72,7 +72,7 @@ class StackedArrays:
         width, height = (plain_integer(one, "size") for one in size)
         if min(width, height) < 1:
             raise EvsError(f"size is {size}: give (width, height) in px")
-        self.kind, self._tau_us = kind, float(tau_us)
+        self.kind, self.size, self._tau_us = kind, (width, height), float(tau_us)
         self._native = _core.EventArrays(threads=threads)
         shape: tuple[int, ...] = (count, 2, height, width)
         dtype: type = np.uint8 if kind == "event_frame" else np.float32
@@ -90,6 +90,10 @@ class StackedArrays:
         self.array[chosen] = 0
         if self.kind == "time_surface":
             self._stamps[chosen] = NEVER
+
+    def go_on_from(self, other: StackedArrays) -> None:
+        """Take over the rows of arrays that were made in the same way."""
+        self.array[...], self._stamps[...] = other.array, other._stamps
 
     def encode(
         self, seen: WorldsEvents, begin_us: npt.ArrayLike, end_us: npt.ArrayLike

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from evs.drivers.gym import LoopEnv
-from evs.drivers.gym.event_observations import KINDS
 from evs.drivers.gym.registration import ENVIRONMENTS
+from evs.emulator.simulation.stacked_arrays import KINDS
 from speed.turns import Table, milliseconds
 
 STEPS = 40

@@ -19,6 +19,8 @@ import numpy as np
 import pytest
 
 import evs
+from evs.drivers.environments import EpisodeSpec
+from evs.drivers.gym import LoopEnv, TaskSpec
 from evs.drivers.search_path import search_path
 from evs.emulator.representations import padded_packet
 from evs.msgs import EvsError
@@ -44,6 +46,21 @@ def swings(**options: Any) -> evs.SimulatedDataset:
     return evs.SimulatedDataset(
         mujoco.MjModel.from_xml_string(SWING), samples=SAMPLES, **{**given, **options}
     )
+
+
+def test_a_spec_stands_for_its_fields() -> None:
+    spec = EpisodeSpec(
+        mujoco.MjModel.from_xml_string(SWING), "left", sensor=SMALL, ticks=5, start=thrown
+    )
+    dataset = evs.SimulatedDataset(spec, samples=SAMPLES, warm_up=2, randomise=BOTH)
+    assert flat(dataset[3]) == flat(swings(randomise=BOTH)[3])
+    # that of an environment has a size
+    task = TaskSpec(spec.scene, "left", size=(24, 16), sensor="dvs128", ticks=5, start=thrown)
+    assert flat(evs.SimulatedDataset(task, samples=SAMPLES, warm_up=2)[3]) == flat(swings()[3])
+    one, other = LoopEnv(task), evs.make_vec(task, 2, ticks=5)
+    assert one.action_space == other.single_action_space
+    with pytest.raises(EvsError, match="this takes a TaskSpec, not an EpisodeSpec"):
+        LoopEnv(spec)
 
 
 def flat(sample: Any) -> Any:

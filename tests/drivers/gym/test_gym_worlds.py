@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 import evs
 import evs.drivers.gym  # registers the environments
 from evs.drivers.gym import LoopVectorEnv
-from evs.drivers.gym.event_observations import KINDS
+from evs.emulator.simulation.stacked_arrays import KINDS
 from evs.msgs import EvsError
 
 CART, REACH = "evs/CartPole-v0", "evs/Reach-v0"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import mujoco
@@ -189,7 +191,18 @@ SIGHTS: dict[str, Callable[[mujoco.MjModel, Any], Any]] = {
     "make_vec": lambda model, visual: many(
         evs.make_vec(model, 2, cameras="eye", sensor=sensor(), size=None, visual=visual).worlds
     ),
+    "SimulatedDataset": lambda model, visual: sample(
+        evs.SimulatedDataset(
+            model, "eye", samples=1, ticks=1, sensor=sensor(), truth=["geom_id"], visual=visual
+        )
+    ),
 }
+
+
+def sample(dataset: evs.SimulatedDataset) -> Any:
+    """What a worker of a loader would simulate."""
+    geom_id = pickle.loads(pickle.dumps(dataset))[0]["geom_id"]
+    return SimpleNamespace(ground_truth=lambda: SimpleNamespace(geom_id=geom_id))
 
 
 def stepped(world: evs.World) -> Any:
