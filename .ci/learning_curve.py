@@ -16,10 +16,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 import evs
 from evs.drivers.gym.stable_baselines import StableBaselinesEnvs
-from evs.drivers.pictures.chart import draw_chart
-from evs.drivers.pictures.chart_layout import Chart, Series
+from evs.drivers.pictures.chart import Chart, Scale, Series, draw_charts
 from evs.drivers.pictures.image_files import write_png
-from evs.drivers.pictures.scales import Scale
 
 STEPS, EVERY = 200_000, 10_000
 ENDS = range(EVERY, STEPS + 1, EVERY)
@@ -69,7 +67,7 @@ def main() -> None:
         "steps",
         [Series(ENDS, means, COLOUR, line=True), Series(ENDS, means, COLOUR)],
     )
-    write_png(Path(sys.argv[1]), draw_chart(chart, 760, 420), few_colours=True)
+    write_png(Path(sys.argv[1]), draw_charts([chart], 1, (760, 420)), few_colours=True)
 
 
 if __name__ == "__main__":

@@ -1,210 +1,234 @@
-"""A chart: lines and points between two axes. Arrays in, a picture out."""
+"""Charts of measured points and curves, drawn by matplotlib (extra `plot`): a picture comes out.
+
+The only door to matplotlib. The same charts are the same picture, whatever style a user has set.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageDraw
 
-from evs.drivers.pictures.chart_layout import (
-    BOTTOM_PX,
-    LEFT_PX,
-    LETTER_PX,
-    NAME_PX,
-    RIGHT_PX,
-    TITLE_PX,
-    TOP_PX,
-    Box,
-    Chart,
-    Name,
-    Place,
-    Series,
-    frame_of,
-    levels,
-    names_of,
-    place_of,
-)
-from evs.drivers.pictures.pen import FINE, GREY, INK_RGB, PAPER_RGB, RGB, Pen, text_width
-from evs.msgs.pictures import U8
+from evs.drivers.pictures.image_files import suffix_of
+from evs.msgs import EvsError
+from evs.msgs.pictures import INK, U8
 
-PICTURE_AT = (LEFT_PX - 58, TOP_PX)
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
 
-REACHED_PX = 18.0
-"""a name nearer than this needs no line to its point"""
+RGB = tuple[int, int, int]
+INK_RGB: RGB = (INK, INK, INK)
+GREY: RGB = (120, 120, 120)
 
-LEVELS = 8
-"""Shades of each colour of a map: more are hard to distinguish, and make files large."""
-
-GRID: RGB = (232, 232, 232)
-FAINT_GRID: RGB = (244, 244, 244)
+HEADING_PX = 70
+LEVELS = 17
+"""colours of a picture: more are hard to distinguish, and make files large"""
+_DPI = 100
+_PT = 72 / _DPI
+"""points of a px"""
+_NONE = "#969696"
+"""colour of a pixel without a value"""
 
 
-def draw_chart(chart: Chart, width: int, height: int) -> U8:
-    """(height, width, 3)."""
-    image = Image.new("RGB", (width * FINE, height * FINE), PAPER_RGB)
-    pen = Pen(ImageDraw.Draw(image))
-    pen.text((LEFT_PX - 58, 10), chart.title, TITLE_PX, "la", INK_RGB)
-    frame = frame_of(width, height)
-    if chart.picture is not None:
-        _frame_picture(pen, chart, _picture_size(chart, width, height))
-    else:
-        _axes(pen, chart, frame)
-        for series in chart.series:
-            _series(pen, chart, series, frame)
-        for name in names_of(chart, width, height):
-            _write(pen, name)
-        _legend(pen, chart)
-        if chart.empty:
-            middle = (0.5 * (frame[0] + frame[2]), 0.5 * (frame[1] + frame[3]))
-            pen.text(middle, chart.empty, LETTER_PX, "mm", GREY)
-    small = image.resize((width, height), Image.Resampling.LANCZOS)
-    if chart.picture is not None:
-        # as it is: its pixels need no smoothing
-        size = _picture_size(chart, width, height)
-        way = (
-            Image.Resampling.NEAREST if size[0] >= chart.picture.shape[1] else Image.Resampling.BOX
-        )
-        small.paste(Image.fromarray(chart.picture).resize(size, way), PICTURE_AT)
-    return np.asarray(small)
+@dataclass(frozen=True)
+class Scale:
+    """One axis. Logarithmic ones have low > 0."""
+
+    low: float
+    high: float
+    log: bool = False
+    unit: str = ""
+    """follows each number, with a prefix (k, m, u ...)"""
+    shown: tuple[float, ...] = ()
+    """the numbers at the ticks; empty: round ones"""
 
 
-def diverging(share: npt.NDArray[np.float64]) -> U8:
-    """(...) numbers -1 ... 1 as blue, white, red (..., 3); NaN is grey."""
-    finite = np.isfinite(share)
-    place = np.rint(LEVELS * np.clip(np.nan_to_num(share), -1.0, 1.0)) / LEVELS
-    stops = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
-    colours = np.array(
-        [(20, 66, 140), (110, 168, 219), (247, 247, 247), (240, 150, 110), (160, 24, 32)],
-        np.float64,
-    )
-    mixed = np.stack([np.interp(place, stops, colours[:, k]) for k in range(3)], axis=-1)
-    return np.where(finite[..., np.newaxis], mixed, 150.0).astype(np.uint8)
+@dataclass(frozen=True)
+class Series:
+    """Values of y over x: measured points, or a reference line."""
+
+    x: Sequence[float]
+    y: Sequence[float]
+    colour: RGB
+    label: str = ""
+    """for the legend; empty: it has none"""
+    line: bool = False
+    """a line through them; else points"""
+    error: Sequence[float] = ()
+    """half the length of each point's bar"""
+    ring_px: float = 0.0
+    """points: rings of this radius around other points; 0: marks"""
+    mark: str = "o"
+    """points: a marker of matplotlib, or "circle", an empty disc"""
+    x_range: Sequence[tuple[float, float]] = ()
+    """points: (low, high) of each one's bar along x"""
 
 
-def _axes(pen: Pen, chart: Chart, frame: Box) -> None:
-    left, top, right, bottom = frame
-    for values, vertical in ((chart.x.minor(), True), (chart.y.minor(), False)):
-        for value in values:
-            _grid_line(pen, chart, frame, value, vertical, FAINT_GRID)
-    for value, words in chart.x.ticks():
-        _grid_line(pen, chart, frame, value, True, GRID)
-        x = place_of(chart, frame, value, chart.y.low)[0]
-        pen.text((x, bottom + 6), words, LETTER_PX, "ma", INK_RGB)
-    for value, words in chart.y.ticks():
-        _grid_line(pen, chart, frame, value, False, GRID)
-        y = place_of(chart, frame, chart.x.low, value)[1]
-        pen.text((left - 7, y), words, LETTER_PX, "rm", INK_RGB)
-    pen.line([(left, top), (left, bottom), (right, bottom)], GREY, 1.0)
-    pen.text(((left + right) / 2, bottom + 26), chart.x_label, LETTER_PX, "ma", GREY)
-    for at, end, (word_at, words, anchor) in levels(chart, frame):
-        _dashes(pen, at, end)
-        pen.text(word_at, words, LETTER_PX - 1, anchor, GREY)
+@dataclass(frozen=True)
+class Chart:
+    """The content of one panel."""
+
+    title: str
+    x: Scale
+    y: Scale
+    x_label: str
+    series: Sequence[Series] = ()
+    marks: Sequence[tuple[float, str]] = ()
+    """levels of y with a dashed line, and its text"""
+    posts: Sequence[tuple[float, str]] = ()
+    """levels of x with a dashed line, and its text"""
+    empty: str = ""
+    """text where there is nothing to show"""
+    picture: npt.NDArray[np.float64] | None = None
+    """(h, w) values in place of the axes, coloured by `y`; NaN is grey"""
+    colours: str = "RdBu_r"
+    """of the picture: a colour map of matplotlib"""
 
 
-def _dashes(pen: Pen, at: Place, end: Place) -> None:
-    length = math.dist(at, end)
-    for begin in np.arange(0.0, length, 9.0):
-        ends = [begin / length, min(begin + 5.0, length) / length]
-        pen.line([(at[0] + s * (end[0] - at[0]), at[1] + s * (end[1] - at[1])) for s in ends],
-                 GREY, 1.0)  # fmt: skip
+def need_plot() -> Any:
+    """matplotlib; EvsError with the fix where it is not installed."""
+    try:
+        import matplotlib.backends.backend_agg
+        import matplotlib.figure
+        import matplotlib.style
+        import matplotlib.ticker
+    except ImportError:
+        raise EvsError("charts need matplotlib: pip install 'evs[plot]'") from None
+    return matplotlib
 
 
-def _grid_line(
-    pen: Pen, chart: Chart, frame: Box, value: float, vertical: bool, colour: RGB
-) -> None:
-    left, top, right, bottom = frame
-    if vertical:
-        x = place_of(chart, frame, value, chart.y.low)[0]
-        pen.line([(x, top), (x, bottom)], colour, 1.0)
-    else:
-        y = place_of(chart, frame, chart.x.low, value)[1]
-        pen.line([(left, y), (right, y)], colour, 1.0)
+def check_chart_file(path: Path | None) -> None:
+    """EvsError unless a chart can be drawn into this file; nothing if there is none."""
+    if path is not None:
+        if suffix_of(path) != ".png":
+            raise EvsError(f"--picture is '{path}': end it in .png")
+        need_plot()
 
 
-def _series(pen: Pen, chart: Chart, series: Series, frame: Box) -> None:
-    """Points outside the axes are left out, lines end where they leave them."""
-    left, top, right, bottom = frame
-    places = [place_of(chart, frame, x, y) for x, y in zip(series.x, series.y, strict=True)]
-    inside = [
-        math.isfinite(x + y) and left - 1 <= x <= right + 1 and top - 1 <= y <= bottom + 1
-        for x, y in places
-    ]
-    if series.line:
-        run: list[tuple[float, float]] = []
-        for place, shown in zip(places, inside, strict=True):
-            if shown:
-                run.append(place)
-                continue
-            pen.line(run, series.colour, 2.0)
-            run = []
-        pen.line(run, series.colour, 2.0)
-        return
-    for k, place in enumerate(places):
-        if not inside[k]:
-            continue
-        if series.error and math.isfinite(series.error[k]):
-            ends = [
-                place_of(chart, frame, series.x[k], series.y[k] + sign * series.error[k])
-                for sign in (-1.0, 1.0)
-            ]
-            if all(math.isfinite(y) for _, y in ends):
-                clipped = [(x, min(max(y, top), bottom)) for x, y in ends]
-                pen.line(clipped, series.colour, 1.5)
-        if series.x_range:
-            ends = [place_of(chart, frame, x, series.y[k]) for x in series.x_range[k]]
-            if all(math.isfinite(x) for x, _ in ends):
-                pen.line([(min(max(x, left), right), y) for x, y in ends], _pale(series.colour), 1)
-        if series.ring_px:
-            pen.ring(place, series.ring_px, series.colour)
-        else:
-            pen.dot(place, series.colour, series.mark)
+def draw_charts(
+    charts: Sequence[Chart],
+    columns: int,
+    size: tuple[int, int],
+    heading: str = "",
+    about: str = "",
+    finish: Callable[[Axes, int], object] | None = None,
+) -> U8:
+    """Draw charts on one page, row by row.
+
+    Args:
+        charts: What is drawn.
+        columns: Charts of a row.
+        size: Width and height of each, px.
+        heading: Of the page, HEADING_PX high; empty: it has none.
+        about: A line below it.
+        finish: Called with the axes of each chart and its index, once the layout is known.
+
+    Returns:
+        (height, width, 3).
+
+    Raises:
+        EvsError: matplotlib is not installed.
+    """
+    plot = need_plot()
+    rows, top = -(-len(charts) // columns), HEADING_PX if heading else 0
+    width, height = columns * size[0], rows * size[1] + top
+    with plot.style.context("default"):
+        figure = plot.figure.Figure((width / _DPI, height / _DPI), _DPI, layout="constrained")
+        canvas = plot.backends.backend_agg.FigureCanvasAgg(figure)
+        figure.get_layout_engine().set(w_pad=0.12, h_pad=0.1, rect=(0, 0, 1, 1 - top / height))
+        figure.text(16 / width, 1 - 26 / height, heading, fontsize=19, va="center")
+        figure.text(16 / width, 1 - 55 / height, about, fontsize=11, va="center")
+        panels = figure.subplots(rows, columns, squeeze=False).flat
+        for axes, chart in zip(panels, charts, strict=False):
+            _draw(plot, axes, chart)
+        for axes in list(panels)[len(charts) :]:
+            axes.remove()
+        if finish is not None:
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")
+            for index in range(len(charts)):
+                finish(figure.axes[index], index)
+        canvas.draw()
+        return np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
 
 
-def _pale(colour: RGB) -> RGB:
-    """Half way to the paper."""
-    red, green, blue = ((one + paper) // 2 for one, paper in zip(colour, PAPER_RGB, strict=True))
+def colour_of(rgb: RGB) -> tuple[float, float, float]:
+    """A colour as matplotlib has it."""
+    red, green, blue = (part / 255 for part in rgb)
     return red, green, blue
 
 
-def _legend(pen: Pen, chart: Chart) -> None:
-    """Under the title, in one row."""
-    x, y = LEFT_PX - 58.0, 44.0
+def _draw(plot: Any, axes: Axes, chart: Chart) -> None:
+    axes.set_title(chart.title, loc="left", fontsize=11)
+    axes.set_xlabel(chart.x_label)
+    if chart.picture is not None:
+        norm = plot.colors.LogNorm if chart.y.log else plot.colors.Normalize
+        colours = plot.colormaps[chart.colours].resampled(LEVELS).with_extremes(bad=_NONE)
+        scale = norm(chart.y.low, chart.y.high, clip=True)
+        image = axes.imshow(chart.picture, cmap=colours, norm=scale, interpolation="nearest")
+        axes.set(xticks=[], yticks=[])
+        bar = axes.figure.colorbar(image, ax=axes)
+        _ticks(plot, bar.ax.yaxis, chart.y)
+        return
+    axes.grid(color="#e8e8e8")
+    axes.set_axisbelow(True)
+    for axis, scale in (("x", chart.x), ("y", chart.y)):
+        if scale.log:
+            axes.set(**{f"{axis}scale": "log"})
+        axes.set(**{f"{axis}lim": (scale.low, scale.high)})
+        _ticks(plot, getattr(axes, f"{axis}axis"), scale)
+    for level, words in chart.marks:
+        axes.axhline(level, color=colour_of(GREY), ls="--", lw=1)
+        where = axes.get_yaxis_transform()
+        axes.text(0.99, level, words, transform=where, ha="right", va="bottom", fontsize=9)
+    for level, words in chart.posts:
+        axes.axvline(level, color=colour_of(GREY), ls="--", lw=1)
+        where = axes.get_xaxis_transform()
+        axes.text(level, 0.99, f" {words}", transform=where, va="top", fontsize=9)
     for series in chart.series:
-        if not series.label:
-            continue
-        if series.ring_px:
-            pen.ring((x + series.ring_px, y), series.ring_px, series.colour)
-            x += 2.0 * series.ring_px + 5
-        else:
-            pen.dot((x + 5, y), series.colour, series.mark)
-            x += 14
-        pen.text((x, y), series.label, LETTER_PX, "lm", INK_RGB)
-        x += text_width(series.label, LETTER_PX) + 16
+        _series(axes, series)
+    if any(series.label for series in chart.series):
+        axes.legend(fontsize=9, framealpha=0.7)
+    if chart.empty:
+        axes.text(0.5, 0.5, chart.empty, transform=axes.transAxes, ha="center", va="center")
 
 
-def _write(pen: Pen, name: Name) -> None:
-    left, top, right, bottom = name.box
-    x, y = name.at
-    near = (min(max(x, left), right), min(max(y, top), bottom))
-    if math.dist(name.at, near) > REACHED_PX:
-        pen.line([name.at, near], name.colour, 0.7)
-    pen.text((left, 0.5 * (top + bottom)), name.words, NAME_PX, "lm", name.colour)
+def _ticks(plot: Any, axis: Axis, scale: Scale) -> None:
+    if scale.unit:
+        axis.set_major_formatter(plot.ticker.EngFormatter(scale.unit))
+        axis.set_minor_formatter(plot.ticker.NullFormatter())
+    if scale.shown:
+        axis.set_ticks(scale.shown, [f"{value:g}" for value in scale.shown])
+        axis.set_ticks([], minor=True)
 
 
-def _picture_size(chart: Chart, width: int, height: int) -> tuple[int, int]:
-    """Of the picture on the chart: whole pixels of it are whole pixels here, where it fits."""
-    assert chart.picture is not None
-    rows, columns = chart.picture.shape[:2]
-    room = (width - 2 * RIGHT_PX - 16, height - TOP_PX - BOTTOM_PX + 14)
-    factor = min(room[0] / columns, room[1] / rows)
-    factor = math.floor(factor) if factor >= 1.0 else factor
-    return max(1, round(columns * factor)), max(1, round(rows * factor))
+def _series(axes: Axes, series: Series) -> None:
+    x, y = np.asarray(series.x, float), np.asarray(series.y, float)
+    style: dict[str, Any] = {"color": colour_of(series.colour), "label": series.label or None}
+    if series.line:
+        axes.plot(x, y, lw=1.5, **style)
+        return
+    size = 2 * (series.ring_px or 3.5) * _PT
+    mark = "o" if series.mark == "circle" else series.mark
+    if series.ring_px or mark != series.mark:
+        style["markerfacecolor"] = "none" if series.ring_px else "white"
+    ends = np.reshape(np.asarray(series.x_range, float), (-1, 2))
+    spread = np.abs(ends.T - x) if len(ends) else None
+    error = series.error if len(series.error) else None
+    axes.errorbar(x, y, error, spread, fmt=mark, ms=size, elinewidth=0.8, **style)
 
 
-def _frame_picture(pen: Pen, chart: Chart, size: tuple[int, int]) -> None:
-    left, top = PICTURE_AT[0] - 0.5, PICTURE_AT[1] - 0.5
-    right, bottom = left + size[0] + 1, top + size[1] + 1
-    pen.line([(left, top), (right, top), (right, bottom), (left, bottom), (left, top)], GREY, 1.0)
-    pen.text((left, 44), chart.below, LETTER_PX, "lm", INK_RGB)
+def decades_around(values: list[float], least: float = 1.0) -> tuple[float, float]:
+    """(low, high): powers of ten around the positive ones among them, `least` decades apart."""
+    good = [value for value in values if math.isfinite(value) and value > 0.0]
+    if not good:
+        return 0.1, 10.0
+    low = math.floor(math.log10(min(good)) + 1e-9)
+    high = math.ceil(math.log10(max(good)) - 1e-9)
+    return 10.0**low, 10.0 ** max(high, low + least)

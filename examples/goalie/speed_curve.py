@@ -11,9 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.pictures.chart import draw_chart
-from evs.drivers.pictures.chart_layout import Chart, Series
-from evs.drivers.pictures.scales import Scale
+from evs.drivers.pictures.chart import Chart, Scale, Series, draw_charts
 from evs.examples.common.results_file import ResultsFile
 from evs.examples.goalie import TRACKERS
 from evs.examples.goalie.environment import SAVES_M, GoalieExperiment
@@ -137,7 +135,7 @@ def chart(rows: dict[str, dict[str, Any]], shots: int) -> U8:
         "speed of the ball, m/s",
         series,
     )
-    return draw_chart(found, 760, 420)
+    return draw_charts([found], 1, (760, 420))
 
 
 def table_rows(rows: dict[str, dict[str, Any]], shots: int) -> list[tuple[str, ...]]:

@@ -77,14 +77,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Evaluate; the exit code."""
     # here, so that --help is quick
-    from evs.drivers.pictures import suffix_of, write_png
+    from evs.drivers.pictures import write_png
+    from evs.drivers.pictures.chart import check_chart_file
     from evs.drivers.run.report import check_targets, write_whole
 
     numbers, words, picture = (
         None if text is None else Path(text) for text in (args.json, args.markdown, args.picture)
     )
-    if picture is not None and suffix_of(picture) != ".png":
-        raise EvsError(f"--picture is '{picture}': end it in .png")
+    check_chart_file(picture)
     check_targets([path for path in (numbers, words, picture) if path is not None])
     made = _events(args) if args.reconstruct is None else _video(args)
     text = made.markdown()

@@ -77,7 +77,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Sweep; the exit code: 0, 1 where a point could not be measured."""
     # here, so that --help is quick
-    from evs.drivers.pictures import suffix_of
+    from evs.drivers.pictures.chart import check_chart_file
     from evs.drivers.run.report import check_targets
     from evs.drivers.run.stop_signals import ending_signals
     from evs.launch.support import terminal
@@ -86,8 +86,7 @@ def run(args: argparse.Namespace) -> int:
     from evs_lab.sweep.store import SweepStore
 
     words, picture = (None if t is None else Path(t) for t in (args.markdown, args.picture))
-    if picture is not None and suffix_of(picture) != ".png":
-        raise EvsError(f"--picture is '{picture}': end it in .png")
+    check_chart_file(picture)
     settings = _settings(args)
     drawn = {} if picture is None else _pictures(picture, settings.scenes)
     check_targets([path for path in (words, *drawn.values()) if path is not None])

@@ -5,20 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
-from evs.drivers.pictures.chart import draw_chart
-from evs.drivers.pictures.chart_layout import Chart, Series
-from evs.drivers.pictures.pen import RGB
-from evs.drivers.pictures.scales import Scale, decades_around
-from evs.drivers.pictures.text_lines import paste, text_line
-from evs.msgs.pictures import PAPER, U8
+from evs.drivers.pictures.chart import RGB, Chart, Scale, Series, decades_around, draw_charts
+from evs.msgs.pictures import U8
 from evs_lab.evaluation.aggregate import ResultRow
 from evs_lab.evaluation.claims import NOTHING, REFERENCE
 from evs_lab.evaluation.table import Evaluation
 
 CHART_PX = (640, 400)
-MARGIN_PX = 22
 
 COLOURS: dict[str, RGB] = {
     "plain": (130, 130, 130),
@@ -45,24 +38,12 @@ def evaluation_page(found: Evaluation) -> U8:
             _recall(rows, camera, seeds, colours),
         )
     ]
-    width, height = CHART_PX
-    heading = text_line("Event models on light of few samples", 30)
     scenes = len(dict.fromkeys(clip.scene for clip in found.clips))
     description = (
         f"{scenes} scene{'s' if scenes > 1 else ''}: mean, bars: standard deviation; "
         f"against events of {found.settings.get('reference_spp')} samples a pixel"
     )
-    subtitle = text_line(description, 17)
-    top = MARGIN_PX + heading.height + subtitle.height + 14
-    page = np.full(
-        (top + len(cases) * height + MARGIN_PX, 2 * width + 2 * MARGIN_PX, 3), PAPER, np.uint8
-    )
-    paste(page, heading.picture, MARGIN_PX + 16, MARGIN_PX)
-    paste(page, subtitle.picture, MARGIN_PX + 16, MARGIN_PX + heading.height)
-    for k, chart in enumerate(charts):
-        left, row = MARGIN_PX + k % 2 * width, k // 2
-        paste(page, draw_chart(chart, width, height), left, top + row * height)
-    return page
+    return draw_charts(charts, 2, CHART_PX, "Event models on light of few samples", description)
 
 
 def _colours(models: Sequence[str]) -> dict[str, RGB]:

@@ -5,15 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
-from evs.drivers.pictures.chart import draw_chart
-from evs.drivers.pictures.chart_layout import Chart, Series
-from evs.drivers.pictures.pen import GREY, INK_RGB, RGB
-from evs.drivers.pictures.scales import Scale, steps_around
-from evs.drivers.pictures.text_lines import TextLine, paste, text_line
+from evs.drivers.pictures.chart import GREY, INK_RGB, RGB, Chart, Scale, Series, draw_charts
 from evs.drivers.run.config import PRESETS
-from evs.msgs.pictures import PAPER, U8
+from evs.msgs.pictures import U8
 from evs_lab.sweep.pareto_front import (
     DEFAULT,
     ErrorMetric,
@@ -22,11 +16,13 @@ from evs_lab.sweep.pareto_front import (
     pareto_front,
     pareto_points,
 )
+from evs_lab.sweep.point_names import NamedSeries, write_names
 from evs_lab.sweep.record import FRAMES, OURS, SweepRecord
 from evs_lab.sweep.record import PAPER as PAPER_KIND
 
 CHART_PX = (960, 620)
-MARGIN_PX = 22
+LONGEST_NAME = 60
+"""letters of a scene in the heading"""
 
 COLOURS: dict[str, RGB] = dict(
     zip(PRESETS, ((205, 105, 0), (0, 130, 95), (25, 95, 175), (125, 60, 165)), strict=True)
@@ -34,8 +30,8 @@ COLOURS: dict[str, RGB] = dict(
 """of each preset and of what lies around it"""
 
 PEERS: dict[str, tuple[str, RGB, str]] = {
-    FRAMES: ("square", (110, 110, 110), "frames first, then events"),
-    PAPER_KIND: ("diamond", (190, 30, 60), "the paper's way"),
+    FRAMES: ("s", (110, 110, 110), "frames first, then events"),
+    PAPER_KIND: ("D", (190, 30, 60), "the paper's way"),
 }
 """kind -> mark, colour, words"""
 
@@ -56,27 +52,12 @@ def pareto_page(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) -
     """
     scene = records[0].scene if records else ""
     shown = [pareto_chart(subset, metric) for subset in cases(records).values()]
-    heading = _heading(scene, CHART_PX[0])
-    subtitle = text_line(legend(metric), 16)
-    top = MARGIN_PX + heading.height + subtitle.height + 10
-    width, height = CHART_PX
-    page = np.full(
-        (top + height * len(shown) + MARGIN_PX, width + 2 * MARGIN_PX, 3), PAPER, np.uint8
-    )
-    paste(page, heading.picture, MARGIN_PX + 18, MARGIN_PX)
-    paste(page, subtitle.picture, MARGIN_PX + 18, MARGIN_PX + heading.height)
-    for k, chart in enumerate(shown):
-        paste(page, draw_chart(chart, width, height), MARGIN_PX, top + k * height)
-    return page
-
-
-def _heading(scene: str, width: int) -> TextLine:
-    """The heading with the scene's name; of a path that is too long for the page, its end."""
-    line, cut = text_line(f"Speed against error: {scene}", 28), 0
-    while line.picture.shape[1] > width and cut < len(scene):
-        cut += 1
-        line = text_line(f"Speed against error: ...{scene[cut:]}", 28)
-    return line
+    # of a path that is too long for the page, its end
+    name = scene if len(scene) <= LONGEST_NAME else f"...{scene[-LONGEST_NAME:]}"
+    return draw_charts(
+        shown, 1, CHART_PX, f"Speed against error: {name}", legend(metric),
+        lambda axes, index: write_names(axes, shown[index]),
+    )  # fmt: skip
 
 
 def legend(metric: ErrorMetric = DEFAULT) -> str:
@@ -125,7 +106,7 @@ def _reference_errors(records: Sequence[SweepRecord], metric: ErrorMetric) -> li
 
 def _ours(
     every: Sequence[ParetoPoint], best: Sequence[ParetoPoint], heights: dict[int, float]
-) -> list[Series]:
+) -> list[NamedSeries]:
     """Presets over the front over all others; their names find room in that order too."""
     ours = [p for p in every if p.record.kind == OURS]
     marked = {id(p) for p in best}
@@ -136,8 +117,8 @@ def _ours(
     found = []
     for mark, reach, some in (
         ("circle", NEAR_PX, off),
-        ("disc", FRONT_PX, on),
-        ("triangle", PRESET_PX, presets),
+        ("o", FRONT_PX, on),
+        ("^", PRESET_PX, presets),
     ):
         for name in names:
             subset = [p for p in some if p.record.preset == name]
@@ -146,7 +127,7 @@ def _ours(
     return found
 
 
-def _peers(every: Sequence[ParetoPoint], heights: dict[int, float]) -> list[Series]:
+def _peers(every: Sequence[ParetoPoint], heights: dict[int, float]) -> list[NamedSeries]:
     found = []
     for kind, (mark, colour, words) in PEERS.items():
         subset = [p for p in every if p.record.kind == kind]
@@ -162,9 +143,9 @@ def _series(
     mark: str,
     reach_px: float,
     label: str = "",
-) -> Series:
+) -> NamedSeries:
     speeds = [p.record.speed for p in some]
-    return Series(
+    return NamedSeries(
         [p.speed for p in some],
         [heights[id(p)] for p in some],
         colour,
@@ -178,3 +159,18 @@ def _series(
 
 def _colour(preset: str) -> RGB:
     return COLOURS.get(preset, GREY)
+
+
+def steps_around(values: list[float]) -> tuple[float, float]:
+    """(low, high): 1, 2 or 5 times powers of ten around the positive ones, with a margin.
+
+    At least a factor of 10 apart.
+    """
+    good = [value for value in values if math.isfinite(value) and value > 0.0]
+    if not good:
+        return 0.1, 10.0
+    below, above = min(good) / 1.15, max(good) * 1.15
+    first, last = math.floor(math.log10(below)), math.ceil(math.log10(above))
+    steps = [m * 10.0**e for e in range(first - 1, last + 2) for m in (1.0, 2.0, 5.0)]
+    low = max(step for step in steps if step <= below)
+    return low, min(step for step in steps if step >= max(above, 9.99 * low))

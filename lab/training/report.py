@@ -11,13 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from evs.drivers.pictures import write_png
-from evs.drivers.pictures.chart import draw_chart
-from evs.drivers.pictures.chart_layout import Chart, Series
-from evs.drivers.pictures.pen import RGB
-from evs.drivers.pictures.scales import Scale, decades_around
+from evs.drivers.pictures.chart import RGB, Chart, Scale, Series, decades_around, draw_charts
 from evs.drivers.run.report import write_whole
 from evs.emulator.evsnet.export import export
 from evs.msgs.pictures import U8
@@ -118,8 +113,7 @@ def _randomised(examples: TrainingExamples) -> dict[str, Any]:
 def curves_page(fitted: TrainedNetwork) -> U8:
     """(height, width, 3): loss, EMD, counts and false events over steps."""
     charts = [_loss(fitted), _emd(fitted), _counts(fitted), _spurious(fitted)]
-    drawn = [draw_chart(chart, *CHART_PX) for chart in charts]
-    return np.concatenate([np.concatenate(drawn[:2], 1), np.concatenate(drawn[2:], 1)], 0)
+    return draw_charts(charts, 2, CHART_PX)
 
 
 def _steps(fitted: TrainedNetwork) -> tuple[list[float], Scale]:

@@ -52,7 +52,8 @@ def run(args: argparse.Namespace) -> int:
     """Measure; the exit code."""
     config = _config(args)
     # here, so that --help is quick
-    from evs.drivers.pictures import suffix_of, write_png
+    from evs.drivers.pictures import write_png
+    from evs.drivers.pictures.chart import check_chart_file
     from evs.drivers.run.report import check_targets, write_whole
     from evs.emulator.sensor import resolve_sensor
     from evs.launch.support import terminal
@@ -61,8 +62,7 @@ def run(args: argparse.Namespace) -> int:
     from evs.tools.characterise.quantity import HEADINGS, table_rows
 
     picture = None if args.picture is None else Path(args.picture)
-    if picture is not None and suffix_of(picture) != ".png":
-        raise EvsError(f"--picture is '{picture}': end it in .png")
+    check_chart_file(picture)
     numbers = None if args.json in (None, "-") else Path(args.json)
     check_targets([path for path in (numbers, picture) if path is not None])
     sensor = resolve_sensor(config.sensor)

@@ -76,6 +76,7 @@ def run(args: argparse.Namespace) -> int:
     """Fit; the exit code."""
     # here, so that --help is quick
     from evs.drivers.pictures import write_png
+    from evs.drivers.pictures.chart import check_chart_file
     from evs.drivers.run.report import check_targets, write_whole
     from evs.emulator.config import SensorConfig
     from evs.emulator.sensor import resolve_sensor
@@ -84,7 +85,8 @@ def run(args: argparse.Namespace) -> int:
     from evs.tools.fit.picture import fit_page
 
     output = _ending(args.output, "-o", ".toml")
-    picture = _ending(args.picture, "--picture", ".png")
+    picture = None if args.picture is None else Path(args.picture)
+    check_chart_file(picture)
     numbers = None if args.json in (None, "-") else Path(args.json)
     check_targets([path for path in (output, picture, numbers) if path is not None])
     base = resolve_sensor(SensorConfig(args.base))

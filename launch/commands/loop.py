@@ -243,6 +243,7 @@ def _measure_pencil(args: argparse.Namespace) -> int:
 def _measure_goalie(args: argparse.Namespace) -> int:
     """Shoot at every tracker, over all speeds."""
     from evs.drivers.pictures import write_png
+    from evs.drivers.pictures.chart import check_chart_file
     from evs.drivers.run.report import check_targets, write_whole
     from evs.examples.common.results_file import ResultsFile
     from evs.examples.goalie.speed_curve import (
@@ -265,6 +266,7 @@ def _measure_goalie(args: argparse.Namespace) -> int:
         plan = replace(plan, shots=_number_of_seeds(args))
     file, page = _targets(args)
     picture = file.with_suffix(".png")
+    check_chart_file(picture)
     check_targets([file, page, picture])
     results = ResultsFile(file, plain_plan(plan))
     known = sum(len(results.rows.get(tracker, {})) for tracker in plan.trackers)

@@ -35,6 +35,7 @@ DOORS = {
     "rerun": ("drivers/viewer/viewer.py",),
     "websockets": ("drivers/viewer/web/server.py",),
     "foxglove": ("drivers/viewer/panels.py",),
+    "matplotlib": ("drivers/pictures/chart.py",),
     "pyrender": ("emulator/render/raster/",),
     "OpenGL": ("emulator/render/raster/",),
     "cuda": ("emulator/base/gpu/driver.py",),
@@ -51,7 +52,7 @@ DOORS = {
 
 EXTRAS = (
     *("raster", "gym", "video", "view", "web", "foxglove", "formats", "ros2", "cluster"),
-    *("completion", "cuda"),
+    *("completion", "cuda", "plot"),
 )
 """Whose libraries the package imports; those of the others are for tests and tools."""
 

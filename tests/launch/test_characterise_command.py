@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from evs.drivers.pictures.chart import HEADING_PX
 from evs.emulator.sensor import SensorParameters
 from evs.launch.main import main
 from evs.msgs import EvsError
@@ -91,12 +93,10 @@ def test_numbers_and_picture(
     with Image.open(picture) as image:
         page = np.asarray(image.convert("RGB"))
     width, height = CHART_PX
-    assert page.shape[1] == COLUMNS * width + 44
-    assert page.shape[0] > 3 * height
+    assert page.shape == (HEADING_PX + 3 * height, COLUMNS * width, 3)
     # each of the nine charts has something on it
-    top = page.shape[0] - 22 - 3 * height
     for k in range(9):
-        row, column = top + k // 3 * height, 22 + k % 3 * width
+        row, column = HEADING_PX + k // 3 * height, k % 3 * width
         part = page[row : row + height, column : column + width]
         assert np.count_nonzero((part < 128).all(2)) > 200, k
         assert np.count_nonzero(part.max(2) - part.min(2) > 60) > 100, k
@@ -190,3 +190,11 @@ def test_whatever_the_sensor_the_bench_comes_to_an_end(terms: dict[str, float]) 
 def test_too_few_pixels_are_refused() -> None:
     with pytest.raises(EvsError, match="too few to measure"):
         characterise(SensorParameters("small", 16, 12, 0.2, 0.2), pixels=10)
+
+
+def test_charts_without_matplotlib_name_the_extra(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert main(["characterise", "ideal", "--picture", "x.png"]) == 2
+    assert "pip install 'evs[plot]'" in capsys.readouterr().err

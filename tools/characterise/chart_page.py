@@ -6,13 +6,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-from evs.drivers.pictures.chart import diverging, draw_chart
-from evs.drivers.pictures.chart_layout import Chart, Series
-from evs.drivers.pictures.pen import RGB
-from evs.drivers.pictures.scales import Scale, decades_around
-from evs.drivers.pictures.text_lines import paste, text_line
+from evs.drivers.pictures.chart import RGB, Chart, Scale, Series, decades_around, draw_charts
 from evs.msgs.pictures import OFF_RGB, ON_RGB, PAPER, U8
 from evs.tools.characterise import Characterisation, Quantity, SCurve, expected
 from evs.tools.characterise.background import usual_leak_hz
@@ -20,7 +15,6 @@ from evs.tools.characterise.expected_noise import noise_rate_hz
 from evs.tools.characterise.fit import normal_cdf
 
 CHART_PX = (520, 400)
-MARGIN_PX = 22
 COLUMNS = 3
 
 LEAK_RGB: RGB = (0, 140, 100)
@@ -48,23 +42,12 @@ def characterisation_page(found: Characterisation) -> U8:
         _refractory(found),
         _peak_rate(found),
     ]
-    width, height = CHART_PX
     sensor = found.sensor
-    heading = text_line(f"{sensor.name}: measured, and as it was set", 30)
     size = f"{sensor.width} x {sensor.height} px"
     part = "" if found.pixels == sensor.width * sensor.height else f", {found.pixels:,} measured"
     words = f"{size}{part}; seed {found.seed}. Points: measured from events alone. Lines: as set."
-    subtitle = text_line(words, 17)
-    top = MARGIN_PX + heading.height + subtitle.height + 14
-    rows = -(-len(charts) // COLUMNS)
-    page = np.full((top + rows * height + MARGIN_PX, COLUMNS * width + 2 * MARGIN_PX, 3), PAPER,
-                   np.uint8)  # fmt: skip
-    paste(page, heading.picture, MARGIN_PX + 16, MARGIN_PX)
-    paste(page, subtitle.picture, MARGIN_PX + 16, MARGIN_PX + heading.height)
-    for k, chart in enumerate(charts):
-        left, row = MARGIN_PX + k % COLUMNS * width, k // COLUMNS
-        paste(page, draw_chart(chart, width, height), left, top + row * height)
-    return page
+    heading = f"{sensor.name}: measured, and as it was set"
+    return draw_charts(charts, COLUMNS, CHART_PX, heading, words)
 
 
 def _pale(colour: RGB) -> RGB:
@@ -104,17 +87,15 @@ def _s_curve(found: Characterisation) -> Chart:
 
 
 def _map(curve: SCurve, name: str) -> Chart:
-    """Thresholds over the array, blue low, red high, grey none."""
+    """Thresholds over the array, blue low, red high."""
     theta = curve.thresholds
     title = f"{name} threshold of each pixel"
     if not np.isfinite(theta).any():
         return Chart(title, Scale(0.0, 1.0), Scale(0.0, 1.0), "", empty="no pixel answers")
     mean, spread = float(np.nanmean(theta)), float(np.nanstd(theta))
     reach = max(3.0 * spread, 1e-3 * mean)
-    share: npt.NDArray[np.float64] = (theta - mean) / reach
-    low, high = (f"{mean + sign * reach:.3g}" for sign in (-1, 1))
-    return Chart(title, Scale(0.0, 1.0), Scale(0.0, 1.0), "", picture=diverging(share),
-                 below=f"blue {low}, white {mean:.3g}, red {high}; grey: did not tell")  # fmt: skip
+    scale = Scale(mean - reach, mean + reach)
+    return Chart(title, scale, scale, "grey: did not answer", picture=theta)
 
 
 def _of(results: Sequence[Quantity], quantity: str) -> list[Quantity]:

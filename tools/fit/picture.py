@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from evs.drivers.pictures.chart import draw_chart
-from evs.drivers.pictures.chart_layout import Chart, Series
-from evs.drivers.pictures.pen import RGB
-from evs.drivers.pictures.scales import Scale
-from evs.drivers.pictures.text_lines import paste, text_line
+from evs.drivers.pictures.chart import RGB, Chart, Scale, Series, draw_charts
 from evs.msgs.pictures import OFF_RGB, ON_RGB, PAPER, U8
 from evs.tools.fit.camera import Light
 from evs.tools.fit.observed import F64, Observed
 
 CHART_PX = (500, 380)
-MARGIN_PX = 20
 PALE = 0.5
 """how far the recording's colour is from paper, beside the fitted sensor's"""
 
@@ -29,23 +24,18 @@ def fit_page(pairs: list[tuple[Light, Observed | None]], name: str) -> U8:
         pairs: A recording, and the fitted sensor in the same light (None: it is not known).
         name: Of the fitted sensor.
     """
-    width, height = CHART_PX
-    heading = text_line(f"{name}: recordings (points), and the fitted sensor (lines)", 28)
-    top = MARGIN_PX + heading.height + 8
-    shape = (top + len(pairs) * height + MARGIN_PX, 4 * width + 2 * MARGIN_PX, 3)
-    page = np.full(shape, PAPER, np.uint8)
-    paste(page, heading.picture, MARGIN_PX + 16, MARGIN_PX)
-    for row, (light, fitted) in enumerate(pairs):
-        charts = [
+    charts = [
+        chart
+        for light, fitted in pairs
+        for chart in (
             _intervals(light.seen, fitted),
             _rates(light.seen, fitted),
             _map(light.seen, light.seen, light.seen.source),
             _map(fitted, light.seen, "the fitted sensor"),
-        ]
-        for column, chart in enumerate(charts):
-            left = MARGIN_PX + column * width
-            paste(page, draw_chart(chart, width, height), left, top + row * height)
-    return page
+        )
+    ]
+    heading = f"{name}: recordings (points), and the fitted sensor (lines)"
+    return draw_charts(charts, 4, CHART_PX, heading)
 
 
 def _pale(colour: RGB) -> RGB:
@@ -119,8 +109,6 @@ def _map(one: Observed | None, scale: Observed, title: str) -> Chart:
     own = (scale.on_counts + scale.off_counts) / scale.seconds
     low = max(float(np.quantile(own, 0.05)), 0.3 / scale.seconds)
     high = max(float(np.quantile(own, 0.999)), 3.0 * low)
-    share = np.clip(np.log(np.maximum(rate, low) / low) / np.log(high / low), 0.0, 1.0)
-    grey = (255.0 * (1.0 - 0.9 * np.round(share * 7.0) / 7.0)).astype(np.uint8)
-    picture = np.repeat(grey[:, :, None], 3, axis=2)
-    below = f"events of a pixel: white {low:.2g} Hz, black {high:.2g} Hz"
-    return Chart(f"Map: {title}", nothing, nothing, "", picture=picture, below=below)
+    axis = Scale(low, high, True, "Hz")
+    return Chart(title, nothing, axis, "events of a pixel",
+                 picture=np.maximum(rate, low), colours="Greys")  # fmt: skip

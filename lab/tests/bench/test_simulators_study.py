@@ -21,10 +21,7 @@ import pytest
 
 import evs
 from evs.drivers.pictures import events_between, upscale, write_png
-from evs.drivers.pictures.chart import draw_chart
-from evs.drivers.pictures.chart_layout import Chart, Series
-from evs.drivers.pictures.pen import INK_RGB, RGB
-from evs.drivers.pictures.scales import Scale
+from evs.drivers.pictures.chart import INK_RGB, RGB, Chart, Scale, Series, draw_charts
 from evs.drivers.pictures.text_lines import legend_line, paste, side_by_side, text_line
 from evs.emulator.base.scene import F32
 from evs.emulator.config import ModelConfig, RenderConfig
@@ -225,20 +222,20 @@ COLUMNS = [
 ]
 PANELS: dict[tuple[str, float], dict[str, tuple[RGB, str]]] = {
     ("Simulators on the light of the reference", 1e-4): {
-        "evs, davis346": ((0, 140, 100), "disc"),
-        "ESIM": ((225, 130, 0), "square"),
-        "v2e": ((190, 40, 60), "diamond"),
-        "v2e, defaults, 60 FPS, 8 bits": ((230, 120, 150), "triangle"),
+        "evs, davis346": ((0, 140, 100), "o"),
+        "ESIM": ((225, 130, 0), "s"),
+        "v2e": ((190, 40, 60), "D"),
+        "v2e, defaults, 60 FPS, 8 bits": ((230, 120, 150), "^"),
         "DVS-Voltmeter": ((90, 60, 160), "circle"),
-        "DVS-Voltmeter, 60 FPS, 8 bits": ((30, 100, 170), "disc"),
+        "DVS-Voltmeter, 60 FPS, 8 bits": ((30, 100, 170), "o"),
     },
     ("Pipelines of evs on light of few samples", 5e-3): {
-        "evs, plain, cycle of 4 x 4": ((0, 140, 100), "disc"),
-        "evs, plain, 4 fixed": ((225, 130, 0), "square"),
-        "evs, adaptive, 4 fixed": ((190, 40, 60), "diamond"),
-        "evs, plain, 4 fresh": ((130, 130, 130), "triangle"),
+        "evs, plain, cycle of 4 x 4": ((0, 140, 100), "o"),
+        "evs, plain, 4 fixed": ((225, 130, 0), "s"),
+        "evs, adaptive, 4 fixed": ((190, 40, 60), "D"),
+        "evs, plain, 4 fresh": ((130, 130, 130), "^"),
         "evs, evsnet_c8, 4 fresh": ((90, 60, 160), "circle"),
-        "evs, paper's network, 64 fresh": ((30, 100, 170), "disc"),
+        "evs, paper's network, 64 fresh": ((30, 100, 170), "o"),
     },
 }
 
@@ -306,7 +303,7 @@ def charts(shares: dict[str, F64]) -> U8:
     bins = [float(k) for k in range(MANY + 1)]
     panels = []
     for (title, low), chosen in PANELS.items():
-        rows = {REFERENCE: (INK_RGB, "disc"), **chosen}
+        rows = {REFERENCE: (INK_RGB, "o"), **chosen}
         series = []
         for k, (name, (colour, mark)) in enumerate(rows.items()):
             # beside each other, so that none hides another
@@ -317,7 +314,7 @@ def charts(shares: dict[str, F64]) -> U8:
         scale = Scale(-0.5, MANY + 0.5, shown=tuple(bins))
         heading = f"{title}: share of all pixels and voxels"
         panels.append(Chart(heading, scale, Scale(low, 1.0, log=True), below, series))
-    return np.concatenate([draw_chart(panel, 1080, 440) for panel in panels])
+    return draw_charts(panels, 1, (1080, 440))
 
 
 @pytest.mark.bench

@@ -6,13 +6,11 @@ import itertools
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from evs.drivers.pictures.chart import draw_chart
-from evs.drivers.pictures.chart_layout import frame_of, names_of, overlap, place_of
-from evs.drivers.pictures.pen import INK_RGB, POINT_PX
-from evs.drivers.pictures.scales import steps_around
+from evs.drivers.pictures.chart import INK_RGB, draw_charts
 from evs_lab.commands import sweep as launch_sweep
 from evs_lab.sweep.pareto_chart import (
     CHART_PX,
@@ -21,8 +19,10 @@ from evs_lab.sweep.pareto_chart import (
     legend,
     pareto_chart,
     pareto_page,
+    steps_around,
 )
 from evs_lab.sweep.pareto_front import ERROR_METRICS
+from evs_lab.sweep.point_names import POINT_PX, Box, Name, names_of, overlap
 from evs_lab.sweep.record import (
     FRAMES,
     PAPER,
@@ -70,31 +70,43 @@ def crowd() -> list[SweepRecord]:
     return [*found, measured(0.01, 0.3, "accurate", "its network", PAPER)]
 
 
-def test_names_stay_inside_and_overlap_nothing() -> None:
+def placed() -> tuple[list[Name], Box, list[Box]]:
+    """The names of the crowd, the axes, and boxes of its points and their bars, px."""
     chart = pareto_chart(crowd())
-    names = names_of(chart, *CHART_PX)
-    left, top, right, bottom = frame_of(*CHART_PX)
+    names: list[Name] = []
+    boxes: list[Box] = []
+    frame: list[float] = []
+
+    def look(axes: Any, _: int) -> None:
+        names.extend(names_of(axes, chart))
+        frame.extend(axes.get_window_extent().extents)
+        for series in chart.series:
+            for k, (x, y) in enumerate(zip(series.x, series.y, strict=True)):
+                if not series.line:
+                    low, high = series.x_range[k]
+                    ends = axes.transData.transform([(low, y), (x, y), (high, y)])
+                    left, (right, at) = ends[1] - POINT_PX, ends[1] + POINT_PX
+                    boxes.append((left[0], left[1], right, at))
+                    boxes.append((ends[0, 0], ends[0, 1], ends[2, 0], ends[2, 1]))
+
+    draw_charts([chart], 1, CHART_PX, finish=look)
+    return names, (frame[0], frame[1], frame[2], frame[3]), boxes
+
+
+def test_names_stay_inside_and_overlap_nothing() -> None:
+    names, (left, bottom, right, top), boxes = placed()
     for name in names:
         assert name.box[0] >= left
-        assert name.box[1] >= top
+        assert name.box[1] >= bottom
         assert name.box[2] <= right
-        assert name.box[3] <= bottom
+        assert name.box[3] <= top
+        assert not any(overlap(name.box, box) for box in boxes), name.words
     for one, two in itertools.combinations(names, 2):
         assert not overlap(one.box, two.box), (one.words, two.words)
-    for series in chart.series:
-        if series.line:
-            continue
-        for x, y in zip(series.x, series.y, strict=True):
-            at = place_of(chart, frame_of(*CHART_PX), x, y)
-            dot = (at[0] - POINT_PX, at[1] - POINT_PX, at[0] + POINT_PX, at[1] + POINT_PX)
-            assert not any(overlap(name.box, dot) for name in names)
-        for y, ends in zip(series.y, series.x_range, strict=True):
-            (low, at), (high, _) = (place_of(chart, frame_of(*CHART_PX), x, y) for x in ends)
-            assert not any(overlap(name.box, (low, at, high, at)) for name in names)
 
 
 def test_what_matters_has_its_name_even_in_a_crowd() -> None:
-    words = {name.words for name in names_of(pareto_chart(crowd()), *CHART_PX)}
+    words = {name.words for name in placed()[0]}
     assert {"fast", "balanced", "accurate", "reference", "its network"} <= words
     assert {"60 FPS", "120 FPS", "240 FPS", "480 FPS"} <= words
     assert len(words) > 20
@@ -111,7 +123,7 @@ def test_every_point_is_drawn_once_in_its_mark() -> None:
     for kind in (FRAMES, PAPER):
         mark, colour, _ = PEERS[kind]
         assert [s.mark for s in dots if s.colour == colour] == [mark]
-    presets = [s for s in dots if s.mark == "triangle"]
+    presets = [s for s in dots if s.mark == "^"]
     assert [s.colour for s in presets] == list(COLOURS.values())
     assert [len(s.x) for s in presets] == [1, 1, 1, 1]
     # the front is a line to the left and down
@@ -121,7 +133,7 @@ def test_every_point_is_drawn_once_in_its_mark() -> None:
     assert [words for _, words in chart.marks] == ["the reference's own error"]
     assert math.isclose(chart.marks[0][0], 0.02)
     assert [level for level, _ in chart.posts] == [1.0]
-    picture = draw_chart(chart, *CHART_PX)
+    picture = draw_charts([chart], 1, CHART_PX)
     for colour in (INK_RGB, *COLOURS.values(), *(PEERS[kind][1] for kind in PEERS)):
         assert np.any(np.all(picture == np.array(colour, np.uint8), axis=2)), colour
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evs.drivers.pictures.chart_layout import Label, overlap, place_labels
 from evs_lab.sweep.pareto_front import ParetoPoint, pareto_front
+from evs_lab.sweep.point_names import Label, overlap, place_labels
 from evs_lab.sweep.record import SweepRecord
 
 pytestmark = pytest.mark.property

@@ -5,13 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from evs.drivers.pictures.chart import diverging, draw_chart
-from evs.drivers.pictures.chart_layout import Chart, Series
-from evs.drivers.pictures.scales import Scale, decades_around
+from evs.drivers.pictures.chart import Chart, Scale, Series, decades_around, draw_charts
 from evs.emulator.sensor import SensorParameters
 from evs.tools.characterise import expected
 from evs.tools.characterise.background import Spreads, leak_without_noise, mean_excess
@@ -183,50 +182,37 @@ def test_the_lamp_gives_the_illuminance_that_the_sensor_has() -> None:
     assert np.allclose(light * sensor.exposure_dn, 255.0)
 
 
-@pytest.mark.parametrize(
-    ("scale", "words"),
-    [
-        (Scale(0.1, 1e5, log=True), ["0.1", "1", "10", "100", "1 k", "10 k", "100 k"]),
-        (Scale(1e-6, 1e-2, log=True, unit="s"), ["1 us", "10 us", "100 us", "1 ms", "10 ms"]),
-        (Scale(0.0, 100.0), ["0", "20", "40", "60", "80", "100"]),
-        (Scale(-0.33, 0.33), ["-0.3", "-0.2", "-0.1", "0", "0.1", "0.2", "0.3"]),
-        (Scale(2.0, 60.0, log=True), ["2", "5", "10", "20", "50"]),
-    ],
-)
-def test_ticks(scale: Scale, words: list[str]) -> None:
-    assert [told for _, told in scale.ticks()] == words
-    assert all(-1e-9 <= scale.place(value) <= 1.0 + 1e-9 for value, _ in scale.ticks())
-
-
 def test_decades_around() -> None:
     assert decades_around([0.3, 20.0]) == (0.1, 100.0)
     assert decades_around([10.0]) == (10.0, 100.0)
     assert decades_around([0.0, math.nan, math.inf]) == (0.1, 10.0)
 
 
+RED = (200, 0, 0)
+
+
+def red_pixels(*series: Series) -> tuple[np.ndarray, np.ndarray]:
+    scale = Scale(1.0, 100.0, log=True)
+    picture = draw_charts([Chart("t", scale, scale, "x", series)], 1, (400, 300)).astype(int)
+    assert picture.shape == (300, 400, 3)
+    return np.nonzero(picture[:, :, 0] - picture[:, :, 1] > 150)
+
+
 def test_a_point_stands_where_its_value_is() -> None:
-    red = (200, 0, 0)
-    scale = Scale(0.0, 1.0)
-    picture = draw_chart(
-        Chart("t", scale, Scale(1.0, 100.0, log=True), "x", [Series([0.5], [10.0], red)]), 400, 300
-    ).astype(int)
-    y, x = np.nonzero(picture[:, :, 0] - picture[:, :, 1] > 150)
-    # the middle of axes from 76 to 374 and from 62 to 248
-    assert abs(x.mean() - (76 + 374) / 2) < 1.0
-    assert abs(y.mean() - (62 + 248) / 2) < 1.0
+    # near two corners of the axes, and in their middle
+    (low_y, low_x), (high_y, high_x) = (red_pixels(Series([v], [v], RED)) for v in (2.0, 50.0))
+    y, x = red_pixels(Series([10.0], [10.0], RED))
+    assert abs(x.mean() - (low_x.mean() + high_x.mean()) / 2) < 1.0
+    assert abs(y.mean() - (low_y.mean() + high_y.mean()) / 2) < 1.0
 
 
 def test_what_has_no_place_is_left_out() -> None:
-    scale = Scale(1.0, 10.0, log=True)
-    bad = Series([0.0, -1.0, math.nan, 5.0, 5.0], [5.0, 5.0, 5.0, math.inf, 0.0], (200, 0, 0))
-    lines = dataclasses.replace(bad, line=True)
-    picture = draw_chart(Chart("t", scale, scale, "x", [bad, lines]), 400, 300).astype(int)
-    assert np.count_nonzero(picture[:, :, 0] - picture[:, :, 1] > 60) == 0
+    bad = Series([0.0, -1.0, math.nan, 5.0, 5.0], [5.0, 5.0, 5.0, math.inf, 0.0], RED)
+    assert not len(red_pixels(bad, dataclasses.replace(bad, line=True))[0])
 
 
-def test_diverging_colours() -> None:
-    colours = diverging(np.array([-1.0, 0.0, 1.0, 7.0, math.nan])).astype(int)
-    assert colours[0, 2] > colours[0, 0] + 60
-    assert colours[2, 0] > colours[2, 2] + 60
-    assert np.array_equal(colours[2], colours[3])
-    assert len(set(colours[1])) == len(set(colours[4])) == 1
+def test_a_users_style_changes_no_picture() -> None:
+    chart = Chart("t", Scale(0.0, 1.0), Scale(0.0, 1.0), "x", [Series([0.5], [0.5], RED, "a")])
+    plain = draw_charts([chart], 1, (400, 300))
+    with mpl.rc_context({"axes.facecolor": "black", "font.size": 20}):
+        assert np.array_equal(draw_charts([chart], 1, (400, 300)), plain)
