@@ -6,11 +6,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
-from evs.drivers.run import driver_parameters
 from evs.emulator.base.protocols import Meter, NoMeter
 from evs.emulator.base.scene import F32, GroundTruth
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pace, Pose, StreamInfo, TriggerPacket
@@ -45,7 +43,7 @@ class Sink(ABC):
     A sink declares the streams that it wants in `streams` and overrides their methods; nothing of
     any other stream is computed or written for it. Methods raise EvsError with one line.
 
-    A pipeline knows a sink by its row in SINK_TYPES below, a recorder by its row in
+    A pipeline knows a sink by its class in drivers/sink_config.py, a recorder by its row in
     drivers/files/formats.py.
 
     In a tick, pace comes first, then for each camera its frames with their triggers, IMU samples,
@@ -141,42 +139,3 @@ class Sink(ABC):
         Returns:
             Plain values for the run report.
         """
-
-
-@dataclass(frozen=True)
-class SinkType:
-    """How sinks of one type are made, and the keys that their tables have."""
-
-    target: str
-    """module:class, imported at first use"""
-    keys: tuple[str, ...] = ()
-    """of SinkConfig (drivers/run/config.py), each also a parameter of the class"""
-    place: str = ""
-    """the key that every such table needs, and the first argument of the class; empty: none"""
-
-
-SINK_TYPES = {
-    "zmq": SinkType(
-        "evs.drivers.bus:Publisher",
-        (
-            *("wait_for", "wait_s", "queue", "control", "latest", "truth_hz"),
-            *("key", "allow", "insecure"),
-        ),
-        place="address",
-    ),
-    "dv": SinkType(
-        "evs.drivers.dv:DvServer",
-        ("compression", "wait_for", "wait_s", "queue", "insecure"),
-        place="address",
-    ),
-    "rerun": SinkType("evs.drivers.viewer:ViewSink", ("period_us", "points"), place="rrd"),
-    "foxglove": SinkType(
-        "evs.drivers.viewer:FoxgloveSink",
-        (
-            *("address", "mcap", "period_us", "encoding", "queue"),
-            *("wait_for", "wait_s", "insecure"),
-        ),
-    ),
-    "ros2": SinkType("evs.drivers.ros2:Ros2Publisher", driver_parameters.KEYS),
-}
-"""sink type -> how it is made; recordings have their own table (drivers/files/formats.py)"""

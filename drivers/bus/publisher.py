@@ -14,6 +14,7 @@ from evs.drivers.bus.ports import Ports, ServerKeys
 from evs.drivers.bus.sockets import Socket, quick_check, readable, receive_parts, send_parts
 from evs.drivers.clock import monotonic_s
 from evs.drivers.sink import Sink, Stream
+from evs.drivers.sink_config import ZmqSink
 from evs.emulator.base.scene import F32, GroundTruth
 from evs.msgs import (
     CAMERA_INFO,
@@ -56,9 +57,6 @@ LINGER_S = 2.0
 LIGHT_PERIOD_S = 0.04
 """Shortest time between two pictures of the light, of the wall clock: they are for people."""
 
-TRUTH_HZ = 10.0
-"""Ground truth per second of simulated time: each costs a frame to trace."""
-
 _REPEAT_MS = 20
 _REQUEST_BYTES = 4096
 """Longest subscription taken from a client."""
@@ -84,13 +82,13 @@ class Publisher(Sink):
         self,
         address: str = DEFAULT_ADDRESS,
         *,
-        wait_for: int = 0,
-        wait_s: float = 10.0,
-        queue: int = EVENTS.queue,
+        wait_for: int = ZmqSink.wait_for,
+        wait_s: float = ZmqSink.wait_s,
+        queue: int = ZmqSink.queue,
         linger_s: float = LINGER_S,
         control: str = "",
         latest: str = "",
-        truth_hz: float = TRUTH_HZ,
+        truth_hz: float = ZmqSink.truth_hz,
         key: str = "",
         allow: Sequence[str] = (),
         insecure: bool = False,

@@ -13,6 +13,7 @@ from evs.drivers.files.aedat4 import compression as compressions
 from evs.drivers.files.aedat4 import description, layout
 from evs.drivers.files.aedat4.auxiliary import frame_body, imu_body, triggers_body
 from evs.drivers.sink import Sink, Stream
+from evs.drivers.sink_config import DvSink
 from evs.msgs import (
     EventPacket,
     EvsError,
@@ -53,10 +54,10 @@ class DvServer(Sink):
         self,
         address: str,
         *,
-        compression: str = "none",
-        queue: int = 1000,
-        wait_for: int = 0,
-        wait_s: float = 10.0,
+        compression: str = DvSink.compression,
+        queue: int = DvSink.queue,
+        wait_for: int = DvSink.wait_for,
+        wait_s: float = DvSink.wait_s,
         insecure: bool = False,
         linger_s: float = LINGER_S,
         patience_s: float = PATIENCE_S,

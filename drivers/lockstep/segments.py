@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from evs.drivers.files.paths import FORCE, check_new, free_number, numbered_path
-from evs.drivers.run.config import SinkConfig, make_sink
+from evs.drivers.run.config import make_sink
 from evs.drivers.run.sensor_control import SensorControl
 from evs.drivers.run.sink_set import AuxiliaryStreams, SinkSet
 from evs.drivers.sink import SinkStoppedError
+from evs.drivers.sink_config import FileSink, SinkConfig
 from evs.emulator.base.protocols import Meter
 from evs.msgs import EventPacket, EvsError, Pace, StreamInfo
 
@@ -74,7 +75,7 @@ class Segments:
             sensors: As of SinkSet, for those that go on over resets.
         """
         self._beside, self._place = beside, 0
-        self._files = [table for table in tables if table.target]
+        self._files = [table for table in tables if table.path]
         self._meter, self._warn = meter, warn
         live = [make_sink(table) for table in tables if table not in self._files]
         self._live = SinkSet(live, meter, warn, sensors)
@@ -216,7 +217,7 @@ class Segments:
         """Each file of a table in this segment: its name, and what records it."""
         infos = tuple(self._infos)
         names = self._names(table, infos, self._number)
-        if not table.file:
+        if not isinstance(table, FileSink):
             return [(names[0], self._share(table.at(names[0]), infos))]
         return [
             (name, self._share(table.at(name), (info,)))
@@ -225,8 +226,8 @@ class Segments:
 
     def _names(self, table: SinkConfig, infos: Sequence[StreamInfo], number: int) -> list[str]:
         """Of its files in segment `number`: one a camera, of rerun and foxglove one for all."""
-        file = table.target or ""
-        several = bool(table.file) and len(infos) > 1
+        file = table.path
+        several = isinstance(table, FileSink) and len(infos) > 1
         files = [camera_path(file, info.camera) for info in infos] if several else [file]
         return [segment_path(numbered_path(one, self._place), number) for one in files]
 

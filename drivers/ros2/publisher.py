@@ -15,6 +15,7 @@ from evs.drivers.ros2.names import GLOBAL, PRIVATE, Quality, quality_of
 from evs.drivers.ros2.sender import Sender, TopicQueue, Write
 from evs.drivers.ros2.statistics import Statistics
 from evs.drivers.sink import Sink, Stream
+from evs.drivers.sink_config import Ros2Sink
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pose, StreamInfo, unknown
 
 INFO_PERIOD_US = 100_000
@@ -97,65 +98,47 @@ class Ros2Publisher(Sink):
     def __init__(
         self,
         *,
-        node: str = "",
-        namespace: str = "",
-        domain_id: int = 0,
-        interface: str = "",
-        insecure: bool = False,
-        reliable: bool | None = None,
-        encoding: str = "evt3",
-        camera_frame_id: str = "",
-        imu_frame_id: str = "",
-        link_frame_id: str = "",
-        world_frame: str = "world",
-        clock: bool = True,
-        tf: bool = True,
-        tf_static: bool | None = None,
-        event_message_time_threshold: float = 1e-3,
-        event_message_size_threshold: int = 1_000_000,
-        send_queue_size: int = 1000,
-        statistics_print_interval: float = 0.0,
-        wait_for: int = 0,
-        wait_s: float = 10.0,
         linger_s: float = LINGER_S,
         connect: Callable[[], Connection] | None = None,
+        **keys: Any,
     ) -> None:
-        """Make a publisher that is not open yet; docs/reference/ros2.md describes each argument.
+        """Make a publisher that is not open yet.
 
-        With `connect`, called when the sink is opened, writers come from what it returns instead of
-        a DDS participant: domain_id, interface and insecure then have no effect.
+        Args:
+            linger_s: How long `close` sends what still waits, s.
+            connect: Called when the sink is opened; writers come from what it returns instead of a
+                DDS participant: domain_id, interface and insecure then have no effect.
+            **keys: Those of Ros2Sink, except of the sensor.
 
         Raises:
             EvsError: A value that cannot be, or the extra is not installed.
         """
+        config = Ros2Sink(**keys)
         for name, value, least in (
-            ("send_queue_size", send_queue_size, 1),
-            ("wait_for", wait_for, 0),
-            ("wait_s", wait_s, 0),
+            ("send_queue_size", config.send_queue_size, 1),
+            ("wait_for", config.wait_for, 0),
+            ("wait_s", config.wait_s, 0),
             ("linger_s", linger_s, 0),
         ):
             if not value >= least:
                 raise EvsError(f"{name} is {value:g}: give {least} or more")
-        thresholds = event_message_time_threshold, event_message_size_threshold
+        self._thresholds = (
+            config.event_message_time_threshold,
+            config.event_message_size_threshold,
+        )
         if connect is None:
             load()
         # wrong values are reported now, and not once the world is loaded
-        EventMessageBuilder(encoding, *thresholds)
-        Statistics("", statistics_print_interval)
-        self._node, self._namespace = node, namespace
-        self._domain_id = checked_domain(domain_id)
-        self._interface = interface_of(interface, insecure)
+        EventMessageBuilder(config.encoding, *self._thresholds)
+        Statistics("", config.statistics_print_interval)
+        self._config, self._linger_s = config, linger_s
+        self._domain_id = checked_domain(config.domain_id)
+        self._interface = interface_of(config.interface, config.insecure)
         self._connect = connect
-        self._reliable, self._encoding, self._thresholds = reliable, encoding, thresholds
-        self._frame_ids = dict(
-            zip(FRAME_KEYS, (camera_frame_id, imu_frame_id, link_frame_id), strict=True)
-        )
-        self._world_frame = world_frame
+        self._frame_ids = {key: getattr(config, key) for key in FRAME_KEYS}
         # with tf = false, a URDF has the frames
-        static = tf if tf_static is None else tf_static
-        self._globals = {"/clock": clock, "/tf": tf, "/tf_static": static}
-        self._depth, self._interval_s = send_queue_size, statistics_print_interval
-        self._wait_for, self._wait_s, self._linger_s = wait_for, wait_s, linger_s
+        static = config.tf if config.tf_static is None else config.tf_static
+        self._globals = {"/clock": config.clock, "/tf": config.tf, "/tf_static": static}
         self._connection: Connection | None = None
         self._sender = Sender()
         self._nodes: dict[str, Node] = {}
@@ -231,7 +214,9 @@ class Ros2Publisher(Sink):
         events = node.topics["events"]
         if events.readers:
             for message in node.builder.add(packet):
-                self._send(events, node.messages.events(message, self._encoding), message.events)
+                self._send(
+                    events, node.messages.events(message, self._config.encoding), message.events
+                )
         else:
             # a later reader receives no earlier events
             node.builder.rest()
@@ -302,40 +287,40 @@ class Ros2Publisher(Sink):
         return transforms is not None and transforms.readers > 0
 
     def _path(self, stream: StreamInfo, count: int) -> str:
-        for key, name in {"node": self._node, **self._frame_ids}.items():
+        for key, name in {"node": self._config.node, **self._frame_ids}.items():
             if name and count > 1:
                 raise EvsError(
                     f"{key} is '{name}', but there are {count} cameras: leave it out, then each "
                     "has its own name, and give a namespace"
                 )
-        check_size(self._encoding, stream.width, stream.height, stream.camera)
+        check_size(self._config.encoding, stream.width, stream.height, stream.camera)
         check_start(stream.start_us, stream.camera)
-        return node_path(self._node, self._namespace, stream.camera)
+        return node_path(self._config.node, self._config.namespace, stream.camera)
 
     def _make_node(self, stream: StreamInfo, path: str) -> Node:
         frames = self._frames(path)
-        messages = Messages(stream, frames, self._world_frame)
+        messages = Messages(stream, frames, self._config.world_frame)
         has = {"imu": stream.imu, "image_raw": stream.frames, "camera_info": messages.has_info}
         topics = {
             topic: self._topic(f"{path}/", topic, kind)
             for topic, kind in PRIVATE.items()
             if has.get(topic, True)
         }
-        builder = EventMessageBuilder(self._encoding, *self._thresholds, stream.start_us)
-        statistics = Statistics(path, self._interval_s)
+        builder = EventMessageBuilder(self._config.encoding, *self._thresholds, stream.start_us)
+        statistics = Statistics(path, self._config.statistics_print_interval)
         return Node(stream, path, messages, builder, statistics, topics)
 
     def _frames(self, path: str) -> FrameIds:
         frames = frame_ids(path, **self._frame_ids)
         if self._globals["/tf"] or self._globals["/tf_static"]:
-            check_tree(frames, self._world_frame if self._globals["/tf"] else None)
+            check_tree(frames, self._config.world_frame if self._globals["/tf"] else None)
         return frames
 
     def _topic(self, path: str, name: str, kind: str) -> Topic:
         assert self._connection is not None
-        quality = quality_of(name, self._reliable, self._depth)
+        quality = quality_of(name, self._config.reliable, self._config.send_queue_size)
         writer = self._connection.writer(path + name, kind, quality)
-        return Topic(path + name, self._sender.add_queue(writer, self._depth))
+        return Topic(path + name, self._sender.add_queue(writer, self._config.send_queue_size))
 
     def _send_static(self) -> None:
         """Publish the static transforms; readers that come later get them too."""
@@ -379,14 +364,16 @@ class Ros2Publisher(Sink):
 
     def _send_gathered(self, node: Node) -> None:
         for message in node.builder.rest():
-            data = node.messages.events(message, self._encoding)
+            data = node.messages.events(message, self._config.encoding)
             self._send(node.topics["events"], data, message.events)
 
     def _begin_anew(self, node: Node, end_us: int) -> None:
         """Time was set back, as by a loop's reset: what is of before leaves, the clock follows."""
         self._send_gathered(node)
         # the old one counts wraps of the sensor's clock since its last event
-        node.builder = EventMessageBuilder(self._encoding, *self._thresholds, node.stream.start_us)
+        node.builder = EventMessageBuilder(
+            self._config.encoding, *self._thresholds, node.stream.start_us
+        )
         node.info_due_us = -(2**62)
         # the first of several cameras sets it back for all
         if self._clock_us >= node.time_end_us:
@@ -397,19 +384,19 @@ class Ros2Publisher(Sink):
             self._clock_us = -(2**62)
 
     def _await_readers(self) -> None:
-        deadline_s = monotonic_s() + self._wait_s
+        deadline_s = monotonic_s() + self._config.wait_s
         self._update_readers()
-        while (came := self.readers) < self._wait_for:
+        while (came := self.readers) < self._config.wait_for:
             if monotonic_s() >= deadline_s:
                 names = ", ".join(node.topics["events"].name for node in self._nodes.values())
                 raise EvsError(
-                    f"{came} of {self._wait_for} readers of {names} came within "
-                    f"{self._wait_s:g} s: start them while this waits, on the same domain_id and "
-                    "interface, or give wait_s more"
+                    f"{came} of {self._config.wait_for} readers of {names} came within "
+                    f"{self._config.wait_s:g} s: start them while this waits, on the same "
+                    "domain_id and interface, or give wait_s more"
                 )
             sleep_s(_POLL_S)
             self._update_readers()
-        if self._wait_for:
+        if self._config.wait_for:
             # they may know of us a little later than we of them
             sleep_s(_SETTLE_S)
             self._update_readers()

@@ -16,16 +16,15 @@ from typing import Any, TypeVar
 from evs.drivers.clock import CATCH_UP_S
 from evs.drivers.files import formats
 from evs.drivers.files.paths import FORCE, check_new, free_number, numbered_path
-from evs.drivers.run import driver_parameters
-from evs.drivers.run.driver_parameters import DriverParameters
-from evs.drivers.sink import SINK_TYPES, Sink
+from evs.drivers.sink import Sink
+from evs.drivers.sink_config import FileSink, SinkConfig, is_key_file
 from evs.emulator.base.package_paths import beside, in_package
 from evs.emulator.base.small_files import is_file
-from evs.emulator.config import RunConfig, settings
+from evs.emulator.config import RunConfig, SensorConfig, settings
 from evs.emulator.config.declaration import any_path, parameter
 from evs.emulator.config.schema import LoopConfig
 from evs.emulator.render.registry import SEEDS
-from evs.msgs import EvsError, nearest_first, registry, unknown
+from evs.msgs import EvsError, nearest_first, unknown
 from evs.msgs.lockstep import LOCKSTEP_ADDRESS
 
 T = TypeVar("T")
@@ -56,112 +55,8 @@ PUBLISH = {
 """a key of a pipeline -> the key of the zmq sink that they describe together"""
 
 
-def is_key_file(text: str) -> bool:
-    """Whether a public key is a file, and not written out."""
-    return len(text) != 40
-
-
-@dataclass(frozen=True)
-class SinkConfig(DriverParameters):
-    """[[sink]]: one destination of the packets. Any number of tables."""
-
-    type: str = ""
-    """zmq | dv | ros2 | rerun | foxglove, or the format of a recording: aedat4 | ... (evs convert
-    --help)"""
-    address: str | None = None
-    """zmq, dv, foxglove: address to bind, as in tcp://127.0.0.1:5560; dv: the port of the
-    events"""
-    wait_for: int | None = None
-    """zmq, dv, ros2, foxglove: number of event subscribers to wait for before the first tick"""
-    wait_s: float | None = None
-    """zmq, dv, ros2, foxglove: how long to wait for them, s"""
-    queue: int | None = None
-    """zmq, dv, foxglove: packets queued for a slow subscriber before packets are dropped"""
-    control: str | None = None
-    """zmq: control port, which describes the camera and its topics and takes requests (evs
-    topics)"""
-    latest: str | None = None
-    """zmq: address of the newest state; any free port if only control is given"""
-    truth_hz: float | None = None
-    """zmq: ground-truth messages per simulated second, while the topic has subscribers"""
-    key: str | None = parameter(
-        None,
-        "zmq: file of the publisher's secret key (evs keygen makes one); encrypts all traffic",
-        is_path=any_path,
-    )
-    allow: tuple[str, ...] | None = parameter(
-        None,
-        "zmq: public keys of the clients that may subscribe (files, folders, or the keys "
-        "themselves); not given: every client that has the publisher's public key",
-        is_path=is_key_file,
-    )
-    insecure: bool | None = None
-    """zmq, dv, ros2, foxglove: true: other machines may subscribe without a key"""
-    file: str | None = parameter(None, "recordings: the file to write", is_path=any_path)
-    overwrite: bool | None = None
-    """recordings, rerun, foxglove: true: replace an existing file; not given: as for the whole
-    run"""
-    compression: str | None = None
-    """aedat4, dv: lz4 | zstd | none"""
-    encoding: str | None = None
-    """ros2, foxglove, rosbag2, rosbag1: of events, as `evs convert --help` lists them"""
-    rotate_mb: float | None = None
-    """aedat4: largest size of a file, MB; the recording continues in run-001.aedat4, ..."""
-    rotate_s: float | None = None
-    """aedat4: longest simulated time of a file, s; the recording continues in the next file"""
-    rrd: str | None = parameter(
-        None, "rerun: the file to write, for Rerun's viewer", is_path=any_path
-    )
-    mcap: str | None = parameter(
-        None,
-        "foxglove: the file to write, for Foxglove; not given: address is served",
-        is_path=any_path,
-    )
-    period_us: int | None = None
-    """rerun, foxglove: simulated time between two pictures, us"""
-    points: int | None = None
-    """rerun: most points of each picture's cloud of events in x, y and time; 0: no cloud"""
-    worker: bool | None = None
-    """true: run the sink in its own process, so it costs the camera only a copy; not given: as for
-    the whole run"""
-    worker_mb: float | None = None
-    """worker: size of the buffer of packets for that process, MB; 64 if not given"""
-    worker_cores: tuple[int, ...] | None = None
-    """worker: processor cores that the process may use; not given: the cores of the camera"""
-
-    @property
-    def target(self) -> str | None:
-        """The file that it writes, whatever its key."""
-        return self.file or self.rrd or self.mcap
-
-    def at(self, target: str) -> SinkConfig:
-        """The same sink that writes another file."""
-        return dataclasses.replace(
-            self,
-            file=self.file and target,
-            rrd=self.rrd and target,
-            mcap=self.mcap and target,
-        )
-
-
-SINK_PLACES = {name: kind.place for name, kind in SINK_TYPES.items()} | {
-    kind.name: "file" for kind in formats.RECORDED
-}
-"""sink type -> the key that every such table needs; empty: none"""
-
-SINK_KEYS = {name: kind.keys for name, kind in SINK_TYPES.items()} | {
-    kind.name: kind.options for kind in formats.RECORDED
-}
-"""sink type -> the other keys that it has"""
-
 MAX_AHEAD = 64
 """ticks; the light of each is kept"""
-
-FILE_KEYS = ("overwrite",)
-"""keys that every sink has that writes a file"""
-
-WORKER_KEYS = ("worker", "worker_mb", "worker_cores")
-"""keys that every sink has"""
 
 
 @dataclass(frozen=True)
@@ -258,9 +153,7 @@ class PipelineConfig(RunConfig):
         """The part that shapes the events."""
         names = [field.name for field in dataclasses.fields(RunConfig)]
         plain = RunConfig(**{name: getattr(self, name) for name in names})
-        return dataclasses.replace(
-            plain, sensor=driver_parameters.passed_on(plain.sensor, self.sink)
-        )
+        return dataclasses.replace(plain, sensor=_passed_on(plain.sensor, self.sink))
 
     def sinks(self) -> tuple[SinkConfig, ...]:
         """Every sink: the [[sink]] tables, `record` and `publish`; files last.
@@ -269,27 +162,20 @@ class PipelineConfig(RunConfig):
         """
         every = list(self.sink)
         if self.record:
-            every.append(SinkConfig(type=formats.to_write(self.record).name, file=self.record))
+            kind = formats.to_write(self.record).name
+            every.append(SinkConfig.of(kind, file=self.record))
         if self.publish:
-            every.append(self._published())
-        if self.overwrite:
-            every = [
-                dataclasses.replace(sink, overwrite=True)
-                if sink.target and sink.overwrite is None
-                else sink
-                for sink in every
-            ]
-        if self.worker:
-            every = [
-                dataclasses.replace(sink, worker=True) if sink.worker is None else sink
-                for sink in every
-            ]
-        return tuple(sorted(every, key=lambda sink: sink.file is not None))
-
-    def _published(self) -> SinkConfig:
-        keys = {key: getattr(self, alias) or None for alias, key in PUBLISH.items()}
-        keys["wait_s"] = self.publish_wait_s if self.publish_wait_for else None
-        return SinkConfig(type="zmq", **keys)
+            keys = {key: getattr(self, alias) for alias, key in PUBLISH.items()}
+            if not self.publish_wait_for:
+                del keys["wait_s"]
+            every.append(SinkConfig.of("zmq", **keys))
+        for key in ("overwrite", "worker"):
+            if getattr(self, key):
+                unset = [getattr(sink, key) is None for sink in every]
+                every = [
+                    s.having(**{key: True}) if n else s for s, n in zip(every, unset, strict=True)
+                ]
+        return tuple(sorted(every, key=lambda sink: isinstance(sink, FileSink)))
 
 
 def load(
@@ -360,11 +246,7 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
     if seeds and config.render.seeds not in seeds:
         raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))
     for place, sink in enumerate(config.sink):
-        _check_sink(sink, f"sink.{place}")
-        if not (config.worker if sink.worker is None else sink.worker):
-            for key in WORKER_KEYS[1:]:
-                if getattr(sink, key) is not None:
-                    raise EvsError(f"at sink.{place}.{key}: needs worker = true")
+        sink.check(f"sink.{place}", config.worker if sink.worker is None else sink.worker)
     config.emulation()
     _check_held(config)
     _check_outputs(config, pipeline)
@@ -402,42 +284,28 @@ def settled(tables: Iterable[SinkConfig], beside: bool) -> list[SinkConfig]:
     """
     placed = []
     for table in tables:
-        file = table.target
-        if file and beside:
-            table = table.at(numbered_path(file, free_number([file])))
-        elif file and not table.overwrite:
-            check_new([file], FORCE)
+        if table.path and beside:
+            table = table.at(numbered_path(table.path, free_number([table.path])))
+        elif table.path and not table.overwrite:
+            check_new([table.path], FORCE)
         placed.append(table)
     return placed
 
 
 def make_sink(config: SinkConfig) -> Sink:
     """Make the sink of a table, not yet open. Its library is imported here, not before."""
-    if config.worker:
-        from evs.drivers.run.worker import WorkerSink
+    if not config.worker:
+        return config.make()
+    from evs.drivers.run.worker import WorkerSink
 
-        plain = dataclasses.replace(config, worker=None, worker_mb=None, worker_cores=None)
-        return WorkerSink(
-            # made here too, so that a bad value is reported before anything starts
-            make_sink(plain),
-            settings.to_plain(plain),
-            lossless=bool(config.target),
-            ring_mb=config.worker_mb,
-            cores=config.worker_cores,
-        )
-    options = {
-        key: value
-        for key in SINK_KEYS[config.type]
-        # these have changed the sensor
-        if key not in driver_parameters.OF_THE_SENSOR
-        and (value := getattr(config, key)) is not None
-    }
-    if config.type not in SINK_TYPES:
-        return formats.by_name(config.type).record(Path(config.file or ""), **options)
-    kind = SINK_TYPES[config.type]
-    places = [getattr(config, kind.place)] if kind.place else []
-    sink: Sink = registry.load(kind.target)(*places, **options)
-    return sink
+    # made here too, so that a bad value is reported before anything starts
+    return WorkerSink(
+        config.make(),
+        settings.to_plain(config.having(worker=None)),
+        lossless=bool(config.path),
+        ring_mb=config.worker_mb,
+        cores=config.worker_cores or None,
+    )
 
 
 def is_scene(word: str) -> bool:
@@ -498,37 +366,32 @@ def sinks_of(words: Iterable[str]) -> list[SinkConfig]:
             raise EvsError(f"no key '{key}' here: give those of sinks, as in sink.0.type=dv")
     found = settings.override(PipelineConfig(), keys)
     for place, sink in enumerate(found.sink):
-        _check_sink(sink, f"sink.{place}")
-        for key in driver_parameters.OF_THE_SENSOR:
-            if getattr(sink, key) is not None:
+        sink.check(f"sink.{place}")
+        for key in sink.of_the_sensor:
+            if sink.gives(key):
                 raise EvsError(f"at sink.{place}.{key}: changes the sensor, and there is none")
     return settled(found.sinks(), beside=False)
 
 
-def _check_sink(sink: SinkConfig, path: str) -> None:
-    if sink.type not in SINK_KEYS:
-        raise _at(f"{path}.type", unknown("sink type", sink.type, SINK_KEYS))
-    place = SINK_PLACES[sink.type]
-    own = (place, *SINK_KEYS[sink.type]) if place else SINK_KEYS[sink.type]
-    writes = place in ("file", "rrd") or sink.mcap
-    also = (*(FILE_KEYS if writes else ()), *WORKER_KEYS)
-    for field in dataclasses.fields(sink):
-        if field.name not in ("type", *own, *also) and getattr(sink, field.name) is not None:
-            has = ", ".join(own)
-            raise EvsError(f"at {path}.{field.name}: a {sink.type} sink has only: {has}")
-    if place and not getattr(sink, place):
-        raise EvsError(f"at {path}.{place}: missing; a {sink.type} sink needs it")
-    if sink.file:
-        kind = formats.by_name(sink.type)
-        known = kind.suffixes + kind.shared_suffixes
-        if Path(sink.file).suffix.lower() not in known:
-            raise EvsError(f"at {path}.file: '{sink.file}' does not end in {' or '.join(known)}")
+def _passed_on(sensor: SensorConfig, sinks: Iterable[SinkConfig]) -> SensorConfig:
+    """The sensor with the drivers' parameters in its sinks. EvsError: two of them disagree."""
+    readout = sensor.readout
+    for place, sink in enumerate(sinks):
+        for key, (name, value) in sink.readout(f"sink.{place}").items():
+            if getattr(readout, key) not in (None, value):
+                raise EvsError(
+                    f"at sink.{place}.{name}: sensor.readout.{key} already has another value; "
+                    "set only one of them"
+                )
+            readout = dataclasses.replace(readout, **{key: value})
+    return dataclasses.replace(sensor, readout=readout)
 
 
 def _check_held(config: PipelineConfig) -> None:
     """Refuse streams that no sink can hold."""
-    files = [sink.file for sink in config.sinks() if sink.file]
-    held = [formats.by_name(sink.type).capabilities for sink in config.sinks() if sink.file]
+    recorded = [sink for sink in config.sinks() if isinstance(sink, FileSink)]
+    files = [sink.file for sink in recorded]
+    held = [formats.by_name(sink.type).capabilities for sink in recorded]
     if config.model.labels and held and not any(holds.labels for holds in held):
         raise EvsError("at model.labels: only .npz recordings hold labels; add --record FILE.npz")
     for key, on in (("aps", config.sensor.aps.enabled), ("imu", config.sensor.imu.enabled)):
@@ -553,7 +416,7 @@ def _check_outputs(config: PipelineConfig, pipeline: Path | None) -> None:
         inputs.append(pipeline)
     read = {_place(path) for path in inputs}
     recorded: set[Path] = set()
-    for file in (file for sink in config.sinks() if (file := sink.target)):
+    for file in (file for sink in config.sinks() if (file := sink.path)):
         path = _place(file)
         if path in recorded:
             raise EvsError(f"two sinks record to '{path}'; give each its own file")

@@ -6,12 +6,11 @@ import ast
 import dataclasses
 import inspect
 import textwrap
-import typing
 from dataclasses import dataclass
 from typing import Any
 
 from evs.emulator.config.declaration import declaration
-from evs.emulator.config.settings import to_text
+from evs.emulator.config.settings import hints_of, table_of, to_text, variants_of
 
 
 @dataclass(frozen=True)
@@ -43,20 +42,38 @@ def describe(cls: type) -> list[Table]:
 
 
 def _describe(cls: type, prefix: str) -> list[Table]:
-    hints = typing.get_type_hints(cls)
+    hints = hints_of(cls)
     docs = field_docs(cls)
     keys: list[Key] = []
     tables: list[Table] = []
     for field in dataclasses.fields(cls):
-        inner, place = _table(hints[field.name])
+        inner, many = table_of(hints[field.name])
         if inner is not None:
-            tables += _describe(inner, f"{prefix}{field.name}.{place}")
+            tables += _variants(inner, f"{prefix}{field.name}.{'N.' if many else ''}")
         else:
             default = to_text(_default(field))
             keys.append(Key(prefix + field.name, default, docs.get(field.name, "")))
-    doc = inspect.getdoc(cls) or ""
-    top = Table(prefix.rstrip("."), " ".join(doc.split("\n\n")[0].split()), tuple(keys))
+    top = Table(prefix.rstrip("."), _first_line(cls), tuple(keys))
     return [top, *tables]
+
+
+def _variants(cls: type, prefix: str) -> list[Table]:
+    """The tables of a class; of one of several types first what all of them have."""
+    found = [_describe(kind, prefix) for kind in variants_of(cls)]
+    if len(found) == 1:
+        return found[0]
+    common = [key for key in found[0][0].keys if all(key in own.keys for own, *_ in found)]
+    own = [
+        dataclasses.replace(table, keys=tuple(key for key in table.keys if key not in common))
+        for tables in found
+        for table in tables
+    ]
+    return [Table(prefix.rstrip("."), _first_line(cls), tuple(common)), *own]
+
+
+def _first_line(cls: type) -> str:
+    """The first paragraph of the docstring of a class, on one line."""
+    return " ".join((inspect.getdoc(cls) or "").split("\n\n")[0].split())
 
 
 def field_docs(cls: type) -> dict[str, str]:
@@ -78,16 +95,6 @@ def field_docs(cls: type) -> dict[str, str]:
             if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
                 docs[before.target.id] = " ".join(str(after.value.value).split())
     return docs
-
-
-def _table(annotation: Any) -> tuple[type | None, str]:
-    """(class, "") for a table, (class, "N.") for an array of tables, (None, "") for a plain key."""
-    if isinstance(annotation, type) and dataclasses.is_dataclass(annotation):
-        return annotation, ""
-    arguments = typing.get_args(annotation)
-    if arguments and dataclasses.is_dataclass(arguments[0]):
-        return typing.cast(type, arguments[0]), "N."
-    return None, ""
 
 
 def _default(field: dataclasses.Field[Any]) -> Any:

@@ -8,10 +8,10 @@ import typing
 from collections.abc import Mapping
 from typing import Any
 
-from evs.drivers.run.config import SINK_PLACES, PipelineConfig
+from evs.drivers.run.config import PipelineConfig
 from evs.drivers.run.config_keys import field_docs
 from evs.emulator.config.declaration import Declaration, declaration
-from evs.emulator.config.settings import to_plain
+from evs.emulator.config.settings import hints_of, table_of, to_plain, variants_of
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
 """The dialect that editors of TOML know."""
@@ -25,8 +25,6 @@ def pipeline_schema() -> Schema:
     """The JSON Schema of a pipeline file: its tables, keys, types, ranges, defaults and meaning."""
     schema = _table(PipelineConfig)
     keys = schema["properties"]
-    sink = keys["sink"]["items"]["properties"]
-    sink["type"]["enum"] = list(SINK_PLACES)
     keys["randomise"] = {
         "type": "object",
         "description": "ranges for keys of [sensor], as in cutoff_hz = 'uniform(100, 300)', and of "
@@ -37,8 +35,14 @@ def pipeline_schema() -> Schema:
 
 
 def _table(cls: type) -> Schema:
-    """A class as an object of its fields."""
-    hints, docs = typing.get_type_hints(cls), field_docs(cls)
+    """A class as an object of its fields; one of several types has the keys of all."""
+    if not dataclasses.is_dataclass(cls):
+        tables = [_table(kind) for kind in variants_of(cls)]
+        every = {name: key for table in tables for name, key in table["properties"].items()}
+        every["type"] = {**every["type"], "enum": list(getattr(cls, "variants", ()))}
+        every["type"].pop("default", None)
+        return {**tables[0], "properties": every}
+    hints, docs = hints_of(cls), field_docs(cls)
     keys = {}
     for field in dataclasses.fields(cls):
         declared = declaration(field)
@@ -54,8 +58,8 @@ def _table(cls: type) -> Schema:
 
 def _value(annotation: Any, declared: Declaration | None) -> Schema:
     """What a field may be. None is no value of TOML: the key is left out instead."""
-    if dataclasses.is_dataclass(annotation):
-        return _table(typing.cast(type, annotation))
+    if (inner := table_of(annotation)[0]) is annotation and inner:
+        return _table(inner)
     kind = typing.get_origin(annotation)
     if kind in (typing.Union, types.UnionType):
         kinds = [one for one in typing.get_args(annotation) if one is not types.NoneType]

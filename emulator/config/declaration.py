@@ -45,6 +45,8 @@ class Declaration:
     """the words that it may be"""
     noun: str = ""
     """what such a word is called in messages"""
+    example: Any = None
+    """a value to show where the default is none"""
     is_path: Callable[[str], bool] | None = None
     """whether a text of it is a path, which in a file is relative to that file"""
 
@@ -67,6 +69,7 @@ def parameter(
     term: str = "",
     choices: tuple[str, ...] = (),
     noun: str = "",
+    example: Any = None,
     is_path: Callable[[str], bool] | None = None,
 ) -> Any:
     """A field of a dataclass of declarations.
@@ -79,9 +82,10 @@ def parameter(
         term: The term of the pixel that it switches on, for the plan.
         choices: The words that it may be.
         noun: What such a word is called in messages.
+        example: A value to show where the default is none.
         is_path: Whether a text of it is a path, relative to the file that has it.
     """
-    declared = Declaration(doc, unit, within, term, choices, noun, is_path)
+    declared = Declaration(doc, unit, within, term, choices, noun, example, is_path)
     return field(default=default, metadata={_KEY: declared})
 
 

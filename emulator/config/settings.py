@@ -182,7 +182,9 @@ def to_plain(config: Any, sparse: bool = False) -> Any:
         return {
             field.name: to_plain(value, sparse)
             for field in fields(config)
-            if (value := getattr(config, field.name)) != field.default or not sparse
+            if (value := getattr(config, field.name)) != field.default
+            or not sparse
+            or field.name == "type"
         }
     if isinstance(config, Mapping):
         return {key: to_plain(value) for key, value in config.items()}
@@ -204,7 +206,8 @@ def key_names(cls: type, prefix: str = "") -> Iterator[str]:
 @cache
 def hints_of(cls: type) -> dict[str, Any]:
     """The types of a class's fields; finding them takes longer than all else here."""
-    return typing.get_type_hints(cls)
+    hints = typing.get_type_hints(cls)
+    return {field.name: hints[field.name] for field in fields(cls)} if is_dataclass(cls) else hints
 
 
 def table_of(hint: Any) -> tuple[type | None, bool]:
@@ -281,12 +284,15 @@ class _Decoder:
         for name, given in value.items():
             inside = f"{path}.{name}" if path else name
             if name not in hints:
-                raise self._unknown(inside, path, cls)
+                raise self._unknown(inside, path, cls, value.get("type", ""))
             made[name] = self._prepared(hints[name], given, inside)
             if self.paths and name in paths:
                 made[name] = _changed(made[name], paths[name], self.paths)
         # a class of several is none that msgspec knows
-        return made if cls is inner else self.decode(cls, made, path)
+        # (its paths are changed already)
+        return (
+            made if cls is inner else _Decoder(self.root, None, self.python).decode(cls, made, path)
+        )
 
     def _check(self, hint: Any, made: Any, path: str) -> None:
         """Refuse numbers and texts that msgspec takes, and no header or counter can hold."""
@@ -321,10 +327,15 @@ class _Decoder:
             expected, got = "a table" if inner else _in_words(hint, _FILE), _shown(value)
         return EvsError(f"at {path}: expected {expected}, got {got}")
 
-    def _unknown(self, path: str, table: str, cls: type) -> EvsError:
+    def _unknown(self, path: str, table: str, cls: type, word: str) -> EvsError:
         """The error for a key that does not exist, with the nearest that do."""
         if self.python:
             return unknown("key", path, [f"{table}.{name}" for name in hints_of(cls)])
+        if hasattr(cls, "variants"):
+            own = [name for base in cls.__mro__ for name in vars(base).get("__annotations__", ())]
+            known = hints_of(cls).keys() - {"type"}
+            has = ", ".join(name for name in dict.fromkeys(own) if name in known)
+            return EvsError(f"at {path}: a {word} {table.split('.')[0]} has only: {has}")
         return _unknown_key(path, self.root)
 
 
@@ -383,6 +394,12 @@ def _put(
         value = _read_text(text, str | None)
         table[name] = {k: v for k, v in table.get(name, {}).items() if k != ".".join(rest)}
         table[name] |= {} if value is None else {".".join(rest): value}
+    elif text.lower() == "none" and hasattr(cls, "variants"):
+        # as if the table did not have the key
+        table.pop(name, None)
+    elif hint is None and hasattr(cls, "variants") and not rest:
+        # refused later, with the keys that a table of its type has
+        table[name] = text
     elif hint is None or (inner is None and rest):
         raise _unknown_key(".".join([inside, *rest]), root)
     elif inner is None:

@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.clock import StopWatch, monotonic_s, process_cpu_s
-from evs.drivers.run.config import PipelineConfig, SinkConfig, make_sink
+from evs.drivers.run.config import PipelineConfig, make_sink
 from evs.drivers.run.report import COMPLETE, STAGES
 from evs.drivers.run.run import depth_of, run
 from evs.drivers.sink import Sink
+from evs.drivers.sink_config import Aedat4Sink, ZmqSink
 from evs.msgs import EvsError
 from evs_lab.evaluation.scenes import SceneSetup
 from evs_lab.sweep.errors import size_of
@@ -238,8 +239,8 @@ class SpeedMeter:
         ticks, repeats = self._length(tick_s, chunk, config.scene.tick_us)
         cutter = _Cutter(ticks, watch, self.yardstick)
         with tempfile.TemporaryDirectory() as folder:
-            file = SinkConfig(type="aedat4", file=str(Path(folder) / "run.aedat4"))
-            bus = SinkConfig(type="zmq", address=self.address, wait_for=1, wait_s=SUBSCRIBER_S)
+            file = Aedat4Sink(file=str(Path(folder) / "run.aedat4"))
+            bus = ZmqSink(address=self.address, wait_for=1, wait_s=SUBSCRIBER_S)
             begin = _AtOpening(cutter.begin)
             with closing(SegmentedWorld(world, ticks, watch, depth_of(config))) as running:
                 report = run(

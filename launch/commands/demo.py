@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from evs.drivers.run import config as pipeline
+from evs.drivers.sink_config import Aedat4Sink, ZmqSink
 from evs.emulator.config import settings
 from evs.launch.commands.emulate import STOPPED
 from evs.launch.support.reinvoke import program
@@ -91,8 +92,8 @@ def _config(args: argparse.Namespace, recording: Path) -> pipeline.PipelineConfi
             f"the demo draws {MAX_SECONDS:g} s at most, not {config.duration_s:g} s: "
             "give a smaller --duration, or use evs emulate"
         )
-    bus = pipeline.SinkConfig(type="zmq", address=free_address(), wait_for=1, wait_s=SUBSCRIBER_S)
-    file = pipeline.SinkConfig(type="aedat4", file=str(recording), overwrite=True)
+    bus = ZmqSink(address=free_address(), wait_for=1, wait_s=SUBSCRIBER_S)
+    file = Aedat4Sink(file=str(recording), overwrite=True)
     return replace(config, sink=(bus, file), record="", publish="", report="")
 
 

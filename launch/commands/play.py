@@ -13,7 +13,7 @@ from evs.launch.support.options import add_reading_options, reading_options
 from evs.msgs import DEFAULT_ADDRESS, EvsError
 
 if TYPE_CHECKING:
-    from evs.drivers.run.config import SinkConfig
+    from evs.drivers.sink_config import SinkConfig
 
 EPILOG = """\
 examples:
@@ -155,7 +155,8 @@ BUS = {
 
 def _sinks(args: argparse.Namespace) -> list[SinkConfig]:
     """The tables of the sinks. EvsError where one is not possible."""
-    from evs.drivers.run.config import SinkConfig, sinks_of
+    from evs.drivers.run.config import sinks_of
+    from evs.drivers.sink_config import ZmqSink
 
     given = {
         key: value for option, key in BUS.items() if (value := getattr(args, option)) is not None
@@ -170,7 +171,7 @@ def _sinks(args: argparse.Namespace) -> list[SinkConfig]:
         return sinks_of(args.words)
     if "allow" in given:
         given["allow"] = tuple(given["allow"])
-    return [SinkConfig(type="zmq", **{"address": DEFAULT_ADDRESS, **given})]
+    return [ZmqSink(**{"address": DEFAULT_ADDRESS, **given})]
 
 
 def _summary(played: Mapping[str, int], streams: frozenset[Any]) -> str:

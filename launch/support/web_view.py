@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from evs.drivers.run.config import SinkConfig
+    from evs.drivers.sink_config import SinkConfig
 
 
 def run(args: argparse.Namespace) -> int:
@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
 @contextmanager
 def page_of_run(wanted: bool) -> Iterator[list[SinkConfig]]:
     """Show the page of a run that begins inside; the sinks that feed it."""
-    from evs.drivers.run.config import SinkConfig
+    from evs.drivers.sink_config import ZmqSink
 
     if not wanted:
         yield []
@@ -45,6 +45,4 @@ def page_of_run(wanted: bool) -> Iterator[list[SinkConfig]]:
     with tempfile.TemporaryDirectory(prefix="evs-view-") as folder:
         packets, control = (f"ipc://{Path(folder) / name}" for name in ("packets", "control"))
         with page_beside(PageRequest(packets, control)):
-            yield [
-                SinkConfig(type="zmq", address=packets, control=control, wait_for=1, worker=False)
-            ]
+            yield [ZmqSink(address=packets, control=control, wait_for=1, worker=False)]

@@ -20,8 +20,9 @@ import pytest
 
 from evs.drivers.bus import Publisher
 from evs.drivers.bus.address import free_address
-from evs.drivers.run.config import SinkConfig, make_sink
+from evs.drivers.run.config import make_sink
 from evs.drivers.sink import Sink
+from evs.drivers.sink_config import SinkConfig
 from evs.msgs import EventPacket, StreamInfo, make_events
 from speed.turns import target
 
@@ -60,7 +61,7 @@ def test_publishing_beside_a_tick(tmp_path: Path) -> None:
         "nobody": Publisher("tcp://127.0.0.1:0"),
         "beside": Publisher(addresses["beside"], wait_for=2, wait_s=60),
         "worker": make_sink(
-            SinkConfig(
+            SinkConfig.of(
                 type="zmq",
                 address=addresses["worker"],
                 wait_for=2,

@@ -86,7 +86,8 @@ from evs.drivers.bus import Publisher
 from evs.drivers.bus.address import free_address
 from evs.drivers.dv import DvServer
 from evs.drivers.ros2 import Ros2Publisher
-from evs.drivers.run.config import SinkConfig, make_sink
+from evs.drivers.run.config import make_sink
+from evs.drivers.sink_config import SinkConfig
 from evs.msgs import EventPacket, make_events
 
 scene, listen, folder, *numbers = sys.argv[1:]
@@ -127,7 +128,7 @@ server.open([info])
 ros2.open([info])
 
 def worker(**given):
-    return make_sink(SinkConfig(worker=True, worker_cores=tuple(others), **given))
+    return make_sink(SinkConfig.of(worker=True, worker_cores=tuple(others), **given))
 
 bus, dv = free_address(), free_address()
 bus_worker = worker(type="zmq", address=bus, wait_for=2, wait_s=30.0)

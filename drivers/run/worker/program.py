@@ -243,7 +243,7 @@ def main(link: int, number: int) -> None:
 
 def _open(link: socket.socket, setup: dict[str, Any]) -> tuple[Sink, list[StreamInfo]]:
     """Make the sink and open it. Raises EvsError as both do."""
-    from evs.drivers.run.config import SinkConfig, make_sink
+    from evs.drivers.sink_config import SinkConfig
     from evs.emulator.config import settings
 
     if setup["cores"] is not None:
@@ -256,7 +256,7 @@ def _open(link: socket.socket, setup: dict[str, Any]) -> tuple[Sink, list[Stream
             raise EvsError(f"worker_cores is {setup['cores']}: choose of {have}") from None
     streams = [StreamInfo(**stream) for stream in setup["streams"]]
     with _unless_abandoned(link), disk_errors():
-        sink = make_sink(settings.build(SinkConfig, setup["sink"]))
+        sink = settings.build(SinkConfig, setup["sink"]).make()
         try:
             sink.open(streams)
         except BaseException:

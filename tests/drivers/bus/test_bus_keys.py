@@ -173,7 +173,7 @@ allow = ["."]
     words = [("publish_allow", f"{keys}/friend.key, {written_out}"), ("sink.0.allow", "none")]
     given = pipeline.load(str(file), words)
     assert given.publish_allow == (f"{keys}/friend.key", written_out)
-    assert given.sink[0].allow is None
+    assert given.sink[0].allow == ()
     with pytest.raises(EvsError, match="at publish_key: needs publish"):
         pipeline.load(str(file), [("publish", "")])
     first, second = pipeline.load(str(file)).sinks()

@@ -8,8 +8,9 @@ import pytest
 
 from evs.drivers.clock import StopWatch
 from evs.drivers.lockstep.segments import Segments
-from evs.drivers.run.config import PIPELINES, SinkConfig
+from evs.drivers.run.config import PIPELINES
 from evs.drivers.run.launcher.node import again
+from evs.drivers.sink_config import SinkConfig
 from evs.launch.main import main
 from evs.msgs import EvsError, StreamInfo
 
@@ -85,7 +86,7 @@ def test_only_what_records_is_told_that_it_starts_again() -> None:
 
 
 def segments(auxiliary: bool = False, overwrite: bool | None = None) -> Segments:
-    table = SinkConfig(type="npz", file="run.npz", overwrite=overwrite)
+    table = SinkConfig.of(type="npz", file="run.npz", overwrite=overwrite)
     return Segments([table], StopWatch(), lambda _line: None, auxiliary)
 
 

@@ -14,15 +14,16 @@ from evs.drivers.clock import Pacer, StopWatch
 from evs.drivers.lockstep import segments
 from evs.drivers.lockstep.segments import Segments, camera_path, segment_path
 from evs.drivers.lockstep.serve import ServedRun
-from evs.drivers.run.config import PIPELINES, SinkConfig
+from evs.drivers.run.config import PIPELINES
 from evs.drivers.sink import Sink, SinkStoppedError
+from evs.drivers.sink_config import SinkConfig
 from evs.emulator import ClosedLoop
 from evs.emulator.config import ApsConfig, SensorConfig
 from evs.msgs import EventPacket, EvsError, StreamInfo
 
 SCENE = str(PIPELINES.parent / "scenes" / "cartpole.xml")
-FILE = SinkConfig(type="aedat4", file="run.aedat4")
-LIVE = SinkConfig(type="zmq", address="tcp://127.0.0.1:0")
+FILE = SinkConfig.of(type="aedat4", file="run.aedat4")
+LIVE = SinkConfig.of(type="zmq", address="tcp://127.0.0.1:0")
 
 
 class Noting(Sink):
@@ -58,7 +59,7 @@ class Bench:
         self.made: list[Noting] = []
 
         def make(table: SinkConfig) -> Noting:
-            self.made.append(Noting(table.target or table.type, self.diary, errors))
+            self.made.append(Noting(table.path or table.type, self.diary, errors))
             return self.made[-1]
 
         patch.setattr(segments, "make_sink", make)
@@ -101,8 +102,8 @@ def test_each_stretch_of_time_has_its_file_and_live_sinks_go_on(
 @pytest.mark.parametrize(
     "table",
     [
-        SinkConfig(type="rerun", rrd="run.rrd"),
-        SinkConfig(type="foxglove", mcap="run.mcap"),
+        SinkConfig.of(type="rerun", rrd="run.rrd"),
+        SinkConfig.of(type="foxglove", mcap="run.mcap"),
     ],
 )
 def test_files_of_viewers_are_one_a_stretch_too(
@@ -115,7 +116,7 @@ def test_files_of_viewers_are_one_a_stretch_too(
     loop.reset(seed=5)
     loop.step([0.1], 2)
     assert loop.segments.close() is None
-    suffix = Path(table.target or "").suffix
+    suffix = Path(table.path or "").suffix
     assert loop.segments.files == [f"run{suffix}", f"run-episode-002{suffix}"]
     assert f"run-episode-002{suffix} close 2" in bench.diary
 
@@ -170,8 +171,8 @@ def test_each_of_two_cameras_has_files_of_its_own(tmp_path: Path) -> None:
     loop = ClosedLoop(SCENE, ("watch", "onboard"), sensor=sensor, threads=1)
     watch, lines = StopWatch(), list[str]()
     tables = [
-        SinkConfig(type="aedat4", file=str(tmp_path / "run.aedat4")),
-        SinkConfig(type="npz", file=str(tmp_path / "run.npz")),
+        SinkConfig.of(type="aedat4", file=str(tmp_path / "run.aedat4")),
+        SinkConfig.of(type="npz", file=str(tmp_path / "run.npz")),
     ]
     beside = ServedRun(loop, Segments(tables, watch, lines.append), watch, Pacer(), print)
     beside.segments.open(loop.streams)
@@ -199,7 +200,7 @@ def test_each_of_two_cameras_has_files_of_its_own(tmp_path: Path) -> None:
 
 def test_two_cameras_that_would_share_a_file_are_refused(tmp_path: Path) -> None:
     tables = [
-        SinkConfig(type="aedat4", file=str(tmp_path / name))
+        SinkConfig.of(type="aedat4", file=str(tmp_path / name))
         for name in ("run.aedat4", "run-left.aedat4")
     ]
     infos = [StreamInfo(8, 8, "left"), StreamInfo(8, 8, "left/left")]

@@ -92,7 +92,7 @@ def test_parameters_of_the_drivers_reach_sink_and_sensor() -> None:
     [
         ({"erc_mode": "on"}, "at sink.0.erc_mode: "),
         ({"erc_rate": "0"}, "at sink.0.erc_rate: 0 events/s"),
-        ({"file": "x.mcap"}, "at sink.0.file: a ros2 sink has only: node"),
+        ({"file": "x.mcap"}, "at sink.0.file: a ros2 sink has only: domain_id, interface"),
     ],
 )
 def test_parameters_that_cannot_be(more: dict[str, str], says: str) -> None:

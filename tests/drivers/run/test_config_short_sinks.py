@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from evs.drivers.run.config import PUBLISH, PipelineConfig, SinkConfig, load
+from evs.drivers.run.config import PUBLISH, PipelineConfig, load
+from evs.drivers.sink_config import SinkConfig
 
 SHORT = """
 publish = "tcp://127.0.0.1:5560"
@@ -28,7 +29,7 @@ worker_cores = [1]
 """
 
 SINKS = (
-    SinkConfig(
+    SinkConfig.of(
         type="zmq",
         address="tcp://127.0.0.1:5560",
         wait_for=2,
@@ -39,8 +40,8 @@ SINKS = (
         insecure=True,
         worker=True,
     ),
-    SinkConfig(type="npz", file="/run.npz", worker=True, worker_mb=8.0, worker_cores=(1,)),
-    SinkConfig(type="aedat4", file="/run.aedat4", worker=True),
+    SinkConfig.of(type="npz", file="/run.npz", worker=True, worker_mb=8.0, worker_cores=(1,)),
+    SinkConfig.of(type="aedat4", file="/run.aedat4", worker=True),
 )
 
 
@@ -79,7 +80,7 @@ def test_a_command_has_the_same_sinks() -> None:
 def test_every_key_of_publish_is_one_of_its_sink() -> None:
     assert set(PUBLISH) <= {name for name in vars(PipelineConfig()) if name.startswith("publish")}
     assert len(PUBLISH) == sum(name.startswith("publish") for name in vars(PipelineConfig()))
-    assert set(PUBLISH.values()) <= set(vars(SinkConfig()))
+    assert set(PUBLISH.values()) <= set(vars(SinkConfig.of("zmq")))
 
 
 def test_not_to_wait_at_all_is_passed_on() -> None:
@@ -90,4 +91,4 @@ def test_not_to_wait_at_all_is_passed_on() -> None:
 
 def test_wait_s_alone_changes_nothing() -> None:
     words = [("scene.file", "/x.xml"), ("publish", "tcp://127.0.0.1:1"), ("publish_wait_s", "1")]
-    assert load(None, words).sinks() == (SinkConfig(type="zmq", address="tcp://127.0.0.1:1"),)
+    assert load(None, words).sinks() == (SinkConfig.of(type="zmq", address="tcp://127.0.0.1:1"),)

@@ -13,7 +13,6 @@ from evs.drivers.run.config import (
     PIPELINES,
     PRESETS,
     PipelineConfig,
-    SinkConfig,
     about,
     find_pipeline,
     load,
@@ -21,6 +20,7 @@ from evs.drivers.run.config import (
     pipelines,
 )
 from evs.drivers.run.config_keys import describe
+from evs.drivers.sink_config import SinkConfig
 from evs.emulator.config import RunConfig, settings
 from evs.msgs import EvsError
 
@@ -92,15 +92,15 @@ def test_record_and_publish_are_sinks_too() -> None:
     config = load(None, [*SCENE, ("record", "a.AEDAT4"), ("publish", "tcp://127.0.0.1:1")])
     # a port in use is found out before an old recording is replaced
     assert config.sinks() == (
-        SinkConfig(type="zmq", address="tcp://127.0.0.1:1"),
-        SinkConfig(type="aedat4", file="a.AEDAT4"),
+        SinkConfig.of(type="zmq", address="tcp://127.0.0.1:1"),
+        SinkConfig.of(type="aedat4", file="a.AEDAT4"),
     )
     assert load(None, [*SCENE, ("record", "a.npz")]).sinks()[0].type == "npz"
 
 
 def test_a_sink_can_be_made_on_the_command_line() -> None:
     config = load(None, [*SCENE, ("sink.0.type", "npz"), ("sink.0.file", "a.npz")])
-    assert config.sinks() == (SinkConfig(type="npz", file="a.npz"),)
+    assert config.sinks() == (SinkConfig.of(type="npz", file="a.npz"),)
 
 
 def test_the_emulators_part_says_nothing_of_outputs() -> None:
@@ -222,9 +222,9 @@ def test_the_default_pipeline_tells_every_key_and_its_default() -> None:
 
 def test_every_sink_is_made_unopened(tmp_path: Path) -> None:
     tables = (
-        SinkConfig(type="zmq", address="tcp://127.0.0.1:0", wait_for=1, wait_s=0.5, queue=7),
-        SinkConfig(type="aedat4", file=str(tmp_path / "a.aedat4"), compression="zstd"),
-        SinkConfig(type="npz", file=str(tmp_path / "a.npz")),
+        SinkConfig.of(type="zmq", address="tcp://127.0.0.1:0", wait_for=1, wait_s=0.5, queue=7),
+        SinkConfig.of(type="aedat4", file=str(tmp_path / "a.aedat4"), compression="zstd"),
+        SinkConfig.of(type="npz", file=str(tmp_path / "a.npz")),
     )
     sinks = [make_sink(table) for table in tables]
     assert [type(sink).__name__ for sink in sinks] == [
@@ -234,7 +234,7 @@ def test_every_sink_is_made_unopened(tmp_path: Path) -> None:
     ]
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(EvsError, match="compression"):
-        make_sink(SinkConfig(type="aedat4", file="a.aedat4", compression="lzma"))
+        make_sink(SinkConfig.of(type="aedat4", file="a.aedat4", compression="lzma"))
 
 
 def test_presets_want_a_scene_and_nothing_else() -> None:

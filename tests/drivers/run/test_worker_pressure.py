@@ -17,10 +17,11 @@ import pytest
 from evs.drivers.bus import subscribe
 from evs.drivers.bus.address import free_address
 from evs.drivers.files import read
-from evs.drivers.run.config import SinkConfig, make_sink
+from evs.drivers.run.config import make_sink
 from evs.drivers.run.sink_set import SinkSet
 from evs.drivers.run.worker import WorkerSink
 from evs.drivers.sink import SinkStoppedError
+from evs.drivers.sink_config import SinkConfig
 from evs.emulator.base.protocols import NoMeter
 from reference.worker_packets import (
     EVENTS,
@@ -123,7 +124,7 @@ def test_a_process_that_dies_is_a_sink_that_stopped_and_the_others_go_on(tmp_pat
     dies = worker_sink(type="aedat4", file=str(file))
     warnings: list[str] = []
     sinks = SinkSet(
-        [dies, make_sink(SinkConfig(type="npz", file=str(other)))], NoMeter(), warnings.append
+        [dies, make_sink(SinkConfig.of(type="npz", file=str(other)))], NoMeter(), warnings.append
     )
     sinks.open([INFO])
     sinks.write([packet(0)])

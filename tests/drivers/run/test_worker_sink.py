@@ -15,7 +15,8 @@ import pytest
 from evs.drivers.bus import request, subscribe
 from evs.drivers.bus.address import free_address
 from evs.drivers.files import formats, read
-from evs.drivers.run.config import SinkConfig, make_sink
+from evs.drivers.run.config import make_sink
+from evs.drivers.sink_config import SinkConfig
 from evs.emulator.base.scene import GroundTruth
 from evs.msgs import (
     EvsError,
@@ -46,7 +47,7 @@ def test_files_have_the_same_bytes(tmp_path: Path, kind: str) -> None:
     files = [tmp_path / folder / f"run{suffix}" for folder in ("here", "worker")]
     for file in files:
         file.parent.mkdir()
-    tables = [SinkConfig(type=kind, file=str(file)) for file in files]
+    tables = [SinkConfig.of(type=kind, file=str(file)) for file in files]
     sinks = [make_sink(tables[0]), make_sink(replace(tables[1], worker=True))]
     fed = feed(sinks, info, 40, labels=holds.labels)
     here, there = fed.reports
@@ -60,13 +61,13 @@ def test_a_port_in_use_and_a_folder_that_is_not_there_are_the_same_one_line(
     tmp_path: Path,
 ) -> None:
     address = free_address()
-    taken = make_sink(SinkConfig(type="zmq", address=address))
+    taken = make_sink(SinkConfig.of(type="zmq", address=address))
     taken.open([INFO])
     for table, streams in (
-        (SinkConfig(type="zmq", address=address), [INFO]),
-        (SinkConfig(type="zmq", address=free_address(), wait_for=1, wait_s=0.1), [INFO]),
-        (SinkConfig(type="aedat4", file=str(tmp_path / "none" / "a.aedat4")), [INFO]),
-        (SinkConfig(type="aedat4", file=str(tmp_path / "a.aedat4")), [INFO, INFO]),
+        (SinkConfig.of(type="zmq", address=address), [INFO]),
+        (SinkConfig.of(type="zmq", address=free_address(), wait_for=1, wait_s=0.1), [INFO]),
+        (SinkConfig.of(type="aedat4", file=str(tmp_path / "none" / "a.aedat4")), [INFO]),
+        (SinkConfig.of(type="aedat4", file=str(tmp_path / "a.aedat4")), [INFO, INFO]),
     ):
         lines = []
         for way in (False, True):
@@ -248,8 +249,8 @@ def test_the_run_wide_word_is_every_sink_that_says_nothing_else() -> None:
     from evs.emulator.config import SceneConfig
 
     tables = (
-        SinkConfig(type="npz", file="a.npz"),
-        SinkConfig(type="csv", file="a.csv", worker=False),
+        SinkConfig.of(type="npz", file="a.npz"),
+        SinkConfig.of(type="csv", file="a.csv", worker=False),
     )
     config = PipelineConfig(
         sink=tables, record="b.npz", worker=True, scene=SceneConfig(file="a.xml")

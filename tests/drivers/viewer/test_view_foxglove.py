@@ -23,6 +23,7 @@ from evs.drivers.bus.address import free_address
 from evs.drivers.clock import monotonic_s, sleep_s
 from evs.drivers.run import config as pipeline
 from evs.drivers.search_path import search_path
+from evs.drivers.sink_config import SinkConfig
 from evs.drivers.viewer import FoxgloveSink
 from evs.drivers.viewer.outbox import Letter
 from evs.launch import main as program
@@ -577,7 +578,7 @@ def test_without_the_extra_one_line_says_how_to_get_it(
 ) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
     with pytest.raises(EvsError, match=r"pip install 'evs\[foxglove\]'"):
-        pipeline.make_sink(pipeline.SinkConfig(type="foxglove", mcap=str(tmp_path / "a.mcap")))
+        pipeline.make_sink(SinkConfig.of(type="foxglove", mcap=str(tmp_path / "a.mcap")))
 
 
 def test_nothing_else_imports_foxglove() -> None:

@@ -23,6 +23,7 @@ from evs.drivers.bus import Publisher
 from evs.drivers.bus.address import free_address
 from evs.drivers.run import config as pipeline
 from evs.drivers.search_path import search_path
+from evs.drivers.sink_config import SinkConfig
 from evs.drivers.viewer import ViewSink
 from evs.launch import main as program
 from evs.launch.support import live_view
@@ -407,7 +408,7 @@ def test_without_the_extra_one_line_says_how_to_get_it(
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(EvsError, match=r"pip install 'evs\[view\]'"):
-        pipeline.make_sink(pipeline.SinkConfig(type="rerun", rrd=str(tmp_path / "a.rrd")))
+        pipeline.make_sink(SinkConfig.of(type="rerun", rrd=str(tmp_path / "a.rrd")))
     words = ["view", "--live", "tcp://127.0.0.1:9", "-o", str(tmp_path / "a.rrd")]
     assert program.main(words) == 2
     assert "pip install 'evs[view]'" in capsys.readouterr().err

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from evs.drivers.run.config import PipelineConfig
 from evs.drivers.run.config_keys import describe, field_docs
+from evs.drivers.sink_config import SinkConfig
 from evs.emulator.config import RunConfig, settings
 from evs.msgs import EvsError
 
@@ -216,11 +217,12 @@ def test_every_key_of_a_pipeline_is_documented() -> None:
 def plain_keys(cls: type, prefix: str = "") -> list[tuple[str, Any]]:
     """(dotted name, annotation) of every key that holds a value; arrays of tables by place 0."""
     found = []
-    for name, annotation in typing.get_type_hints(cls).items():
+    for name, annotation in settings.hints_of(cls).items():
         if isinstance(annotation, type) and hasattr(annotation, "__dataclass_fields__"):
             found += plain_keys(annotation, f"{prefix}{name}.")
-        elif hasattr((*typing.get_args(annotation), None)[0], "__dataclass_fields__"):
-            found += plain_keys(typing.get_args(annotation)[0], f"{prefix}{name}.0.")
+        elif inner := settings.table_of(annotation)[0]:
+            for kind in settings.variants_of(inner):
+                found += plain_keys(kind, f"{prefix}{name}.0.")
         else:
             found.append((prefix + name, annotation))
     return found
@@ -248,11 +250,26 @@ def values(annotation: Any) -> st.SearchStrategy[Any]:
     return strategies[annotation]
 
 
-KEYS = plain_keys(PipelineConfig)
+KEYS = [
+    *(key for key in plain_keys(PipelineConfig) if not key[0].startswith("sink.")),
+    *(
+        (f"{word}:sink.0.{name}", hint)
+        for word, kind in SinkConfig.variants.items()
+        for name, hint in plain_keys(kind)
+        if name != "type"
+    ),
+]
+"""(dotted name, annotation); a key of a sink stands behind its type and a colon"""
+
+
+def overrides(key: str, text: str) -> list[tuple[str, str]]:
+    """What sets a key of KEYS."""
+    word, colon, key = key.rpartition(":")
+    return [(key, text), *([("sink.0.type", word)] if colon else [])]
 
 
 def reach(config: Any, key: str) -> Any:
-    for part in key.split("."):
+    for part in key.rpartition(":")[2].split("."):
         config = config[int(part)] if part.isdecimal() else getattr(config, part)
     return config
 
@@ -260,7 +277,7 @@ def reach(config: Any, key: str) -> Any:
 def attempt(key: str, text: str) -> tuple[PipelineConfig | None, str]:
     """The changed configuration, or what was said against it."""
     try:
-        return settings.override(PipelineConfig(), [(key, text)]), ""
+        return settings.override(PipelineConfig(), overrides(key, text)), ""
     except EvsError as error:
         return None, str(error)
 
@@ -269,9 +286,10 @@ def attempt(key: str, text: str) -> tuple[PipelineConfig | None, str]:
 def test_all_keys_of_the_emulator_are_there() -> None:
     names = [name for name, _ in KEYS]
     assert {name for name, _ in plain_keys(RunConfig)} < set(names)
-    assert {"render.spp", "sensor.pos_thres", "sink.0.address", "pace"} < set(names)
+    assert {"render.spp", "sensor.pos_thres", "zmq:sink.0.address", "pace"} < set(names)
     # places apart, these are the names that the nearest known key is looked for in
-    assert {name.replace(".0.", ".N.") for name in names} <= set(settings.key_names(PipelineConfig))
+    bare = {name.rpartition(":")[2].replace(".0.", ".N.") for name in names}
+    assert bare <= set(settings.key_names(PipelineConfig))
 
 
 @pytest.mark.property
@@ -279,7 +297,7 @@ def test_all_keys_of_the_emulator_are_there() -> None:
 def test_any_value_of_any_key_round_trips_through_text(data: st.DataObject) -> None:
     key, annotation = data.draw(st.sampled_from(KEYS))
     value = data.draw(values(annotation))
-    config = settings.override(PipelineConfig(), [(key, settings.to_text(value))])
+    config = settings.override(PipelineConfig(), overrides(key, settings.to_text(value)))
     assert reach(config, key) == value
     assert type(reach(config, key)) is type(value)
     # through JSON, as reports and recordings carry it
@@ -301,7 +319,7 @@ def test_any_text_for_any_key_gives_a_value_of_its_type_or_one_line(data: st.Dat
     text = data.draw(st.one_of(st.text(), st.sampled_from(["nan", "[", "1,", "{a=1}", "1e999"])))
     config, said = attempt(key, text)
     if config is None:
-        assert said.startswith(f"at {key}")
+        assert said.startswith(f"at {key.rpartition(':')[2]}")
         assert "\n" not in said
     else:
         value = reach(config, key)

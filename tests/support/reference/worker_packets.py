@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.run.config import SinkConfig, make_sink
+from evs.drivers.run.config import make_sink
 from evs.drivers.run.sink_set import SinkSet
 from evs.drivers.run.worker import WorkerSink
 from evs.drivers.sink import Sink
+from evs.drivers.sink_config import SinkConfig
 from evs.emulator.base.protocols import NoMeter
 from evs.msgs import (
     LABEL_DTYPE,
@@ -58,7 +59,7 @@ class Camera:
 
 
 def worker_sink(**given: Any) -> WorkerSink:
-    sink = make_sink(SinkConfig(worker=True, **given))
+    sink = make_sink(SinkConfig.of(worker=True, **given))
     assert isinstance(sink, WorkerSink)
     return sink
 
