@@ -19,6 +19,8 @@ DOORS = {
     # a plugin for MuJoCo's own viewer
     "mujoco": ("emulator/world/", "examples/studio/"),
     "msgpack": ("msgs/packet.py",),
+    # the names of evs, where the core is built
+    "lazy_loader": ("emulator/core/",),
     "msgspec": ("emulator/config/settings.py",),
     "zmq": ("drivers/bus/",),
     "h5py": ("drivers/files/hdf5/",),

@@ -53,6 +53,7 @@ CONDA = {
     "mujoco": "mujoco-python",
     "msgpack": "msgpack-python",
     "flatbuffers": "python-flatbuffers",
+    "lazy-loader": "lazy_loader",
 }
 """Distribution -> its package on conda-forge, where the names differ."""
 

@@ -12,7 +12,7 @@ TOP = {
     *("emulator", "drivers", "msgs", "launch", "tests", "config", "README.md"),
     *("tools", "examples", "lab"),
     *("pyproject.toml", "Makefile", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md", "docs"),
-    "CITATION.cff",
+    *("CITATION.cff", "__init__.pyi"),
 }
 OF_NO_FOLDER = {"architecture", "bench", "docs", "network_link", "support", "versions"}
 """Folders of tests/ that mirror no folder of the package."""

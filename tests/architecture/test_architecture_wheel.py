@@ -62,7 +62,10 @@ def test_it_holds_the_package_and_nothing_else(wheel: Path, files: list[str]) ->
         and (not name.startswith("emulator/core/") or name.startswith(GPU_ROOMS))
         and not (name.startswith(GPU_ROOMS) and name.endswith(".cpp"))
     }
-    expected |= {"evs/__init__.py", "evs/__main__.py", "evs/py.typed", "evs/emulator/_core.so"}
+    expected |= {
+        *("evs/__init__.py", "evs/__init__.pyi", "evs/__main__.py", "evs/py.typed"),
+        "evs/emulator/_core.so",
+    }
     assert held == expected
     assert any(name.startswith("evs/config/sensors/") for name in held)
 
