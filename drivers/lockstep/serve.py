@@ -28,17 +28,16 @@ _STEP_ENDS_S = 1.0
 
 def loop_of(config: PipelineConfig, meter: Meter | None = None) -> ClosedLoop:
     """The closed loop that a pipeline describes."""
-    plain = config.emulation()
     if not config.lockstep.cameras:
-        world = World.from_config(plain, meter=meter)
+        world = World.from_config(config, meter=meter)
     else:
-        if plain.scene.camera:
+        if config.scene.camera:
             raise EvsError(
-                f"at scene.camera: '{plain.scene.camera}' beside lockstep.cameras; give it there"
+                f"at scene.camera: '{config.scene.camera}' beside lockstep.cameras; give it there"
             )
-        world = World(plain.scene, seed=plain.seed, threads=plain.threads, meter=meter)
+        world = World(config.scene, seed=config.seed, threads=config.threads, meter=meter)
         for camera in config.lockstep.cameras:
-            world.add_camera(camera, sensor=plain.sensor, render=plain.render, model=plain.model)
+            world.add_camera(camera, sensor=config.sensor, render=config.render, model=config.model)
     return ClosedLoop.around(world, **config.loop.options())
 
 

@@ -20,7 +20,7 @@ from evs.drivers.sink import Sink
 from evs.drivers.sink_config import FileSink, SinkConfig, is_key_file
 from evs.emulator.base.package_paths import beside, in_package
 from evs.emulator.base.small_files import is_file
-from evs.emulator.config import RunConfig, SensorConfig, settings
+from evs.emulator.config import RunConfig, settings
 from evs.emulator.config.declaration import any_path, parameter
 from evs.emulator.config.schema import LoopConfig
 from evs.emulator.render.registry import SEEDS
@@ -149,12 +149,6 @@ class PipelineConfig(RunConfig):
         """Whether controllers drive it."""
         return self.pace == LOCKSTEP or self.realtime.serve
 
-    def emulation(self) -> RunConfig:
-        """The part that shapes the events."""
-        names = [field.name for field in dataclasses.fields(RunConfig)]
-        plain = RunConfig(**{name: getattr(self, name) for name in names})
-        return dataclasses.replace(plain, sensor=_passed_on(plain.sensor, self.sink))
-
     def sinks(self) -> tuple[SinkConfig, ...]:
         """Every sink: the [[sink]] tables, `record` and `publish`; files last.
 
@@ -200,23 +194,19 @@ def load(
         EvsError: A bad value, with the path to it.
     """
     path = None if file is None else find_pipeline(file)
-    if path is not None:
-        config = _from_file(path)
-    else:
+    if path is None:
         config = settings.build(PipelineConfig, tables or {}, in_package)
+    else:
+        tables = settings.read_toml(path)
+        try:
+            config = settings.build(PipelineConfig, tables, lambda it: in_package(beside(path, it)))
+        except EvsError as error:
+            raise EvsError(f"{path}: {error}") from None
     if overrides := list(overrides):
         config = settings.override(config, overrides, in_package)
+    config = _passed_on(config)
     check(config, path)
     return config
-
-
-def _from_file(path: Path) -> PipelineConfig:
-    """Read a pipeline file; its name stands before an error in it."""
-    tables = settings.read_toml(path)
-    try:
-        return settings.build(PipelineConfig, tables, lambda text: in_package(beside(path, text)))
-    except EvsError as error:
-        raise EvsError(f"{path}: {error}") from None
 
 
 def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
@@ -247,7 +237,6 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
         raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))
     for place, sink in enumerate(config.sink):
         sink.check(f"sink.{place}", config.worker if sink.worker is None else sink.worker)
-    config.emulation()
     _check_held(config)
     _check_outputs(config, pipeline)
 
@@ -373,10 +362,14 @@ def sinks_of(words: Iterable[str]) -> list[SinkConfig]:
     return settled(found.sinks(), beside=False)
 
 
-def _passed_on(sensor: SensorConfig, sinks: Iterable[SinkConfig]) -> SensorConfig:
-    """The sensor with the drivers' parameters in its sinks. EvsError: two of them disagree."""
-    readout = sensor.readout
-    for place, sink in enumerate(sinks):
+def _passed_on(config: PipelineConfig) -> PipelineConfig:
+    """The pipeline with the drivers' parameters of its sinks in its sensor.
+
+    Raises:
+        EvsError: Two of them disagree.
+    """
+    readout = config.sensor.readout
+    for place, sink in enumerate(config.sink):
         for key, (name, value) in sink.readout(f"sink.{place}").items():
             if getattr(readout, key) not in (None, value):
                 raise EvsError(
@@ -384,7 +377,10 @@ def _passed_on(sensor: SensorConfig, sinks: Iterable[SinkConfig]) -> SensorConfi
                     "set only one of them"
                 )
             readout = dataclasses.replace(readout, **{key: value})
-    return dataclasses.replace(sensor, readout=readout)
+    if readout == config.sensor.readout:
+        return config
+    sensor = dataclasses.replace(config.sensor, readout=readout)
+    return dataclasses.replace(config, sensor=sensor)
 
 
 def _check_held(config: PipelineConfig) -> None:

@@ -68,8 +68,7 @@ def plan_pipeline(config: PipelineConfig, ticks: int = 0) -> PipelinePlan:
         ticks: How many to measure; 0: none.
     """
     watch = StopWatch()
-    emulation = config.emulation()
-    world = World.from_config(emulation, meter=watch)
+    world = World.from_config(config, meter=watch)
     measured = None
     if ticks:
         report = run(world, [], ticks * config.scene.tick_us / 1e6, watch)

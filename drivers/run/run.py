@@ -182,7 +182,7 @@ def open_world(config: PipelineConfig, watch: StopWatch) -> Iterator[World | Pip
         The world; it can be stepped for `config.duration_s`, and no longer.
     """
     ticks = tick_count(config.duration_s, config.scene.tick_us)
-    world = World.from_config(config.emulation(), meter=watch)
+    world = World.from_config(config, meter=watch)
     with pipelined(world, ticks, watch, depth_of(config)) as running:
         yield running
 

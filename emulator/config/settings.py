@@ -48,18 +48,13 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise EvsError(f"{path}: not a TOML file: it is not UTF-8 text") from None
     except OSError as reason:
         raise EvsError(f"cannot read '{path}': {reason.strerror}") from None
-    return parse_toml(text, str(path))
-
-
-def parse_toml(text: str, source: str) -> dict[str, Any]:
-    """The tables of a TOML text; `source` names it in errors, which carry line and column."""
     try:
         return tomllib.loads(text)
     except ValueError as reason:
         # also Python's own, for an integer of thousands of digits
-        raise EvsError(f"{source}: malformed TOML: {reason}") from None
+        raise EvsError(f"{path}: malformed TOML: {reason}") from None
     except RecursionError:
-        raise EvsError(f"{source}: malformed TOML: brackets are nested too deep") from None
+        raise EvsError(f"{path}: malformed TOML: brackets are nested too deep") from None
 
 
 def build(cls: type[T], tables: Mapping[str, Any], paths: PathChange | None = None) -> T:
@@ -257,20 +252,19 @@ class _Decoder:
         """`value` as the hint has it. EvsError with the path to what it cannot be."""
         prepared = self._prepared(hint, value, path)
         try:
-            made = msgspec.convert(prepared, hint)
+            return msgspec.convert(prepared, hint)
         except msgspec.ValidationError as error:
             place = re.search(r"at `\$(.*)`$", str(error))
             for name, index in re.findall(r"\.(\w+)|\[(\d+)\]", place[1]) if place else ():
                 path, hint, value = _inside(path, hint, value, name or int(index))
             raise self._bad(path, hint, value) from None
-        self._check(hint, made, path)
-        return made
 
     def _prepared(self, hint: Any, value: Any, path: str) -> Any:
         """`value` as msgspec reads it: its keys are known, and no array of NumPy is in it."""
         inner, many = table_of(hint)
         if inner is None:
-            return dict(_free_keys(value, path)) if _is_free_table(hint) else _plain(value)
+            free = _is_free_table(hint)
+            return dict(_free_keys(value, path)) if free else self._leaf(hint, value, path)
         if many:
             if not isinstance(value, list | tuple):
                 return value
@@ -294,25 +288,24 @@ class _Decoder:
             made if cls is inner else _Decoder(self.root, None, self.python).decode(cls, made, path)
         )
 
-    def _check(self, hint: Any, made: Any, path: str) -> None:
-        """Refuse numbers and texts that msgspec takes, and no header or counter can hold."""
-        kind: type = type(made)
-        if is_dataclass(kind):
-            for name, inner in hints_of(kind).items():
-                self._check(inner, getattr(made, name), f"{path}.{name}" if path else name)
-        elif isinstance(made, tuple):
-            for place in range(len(made)):
-                inside, inner, item = _inside(path, hint, made, place)
-                self._check(inner, item, inside)
-        elif isinstance(made, str):
-            _check_text(made, path)
-        elif isinstance(made, Mapping):
-            for key, text in made.items():
-                _check_text(text, f"{path}.{key}")
-        elif isinstance(made, int | float):
-            whole = isinstance(made, int)
-            if abs(made) > _INT64_MAX and not self.python if whole else not math.isfinite(made):
-                raise self._bad(path, hint, made)
+    def _leaf(self, hint: Any, value: Any, path: str) -> Any:
+        """A value that is no table, as Python's own; refused where no header could hold it."""
+        if isinstance(value, np.ndarray | np.generic):
+            value = value.tolist()
+        if isinstance(value, list | tuple):
+            several = [kind for kind in _kinds(hint) if typing.get_origin(kind) is tuple]
+            item = typing.get_args(several[0])[0] if several else hint
+            return [self._leaf(item, one, f"{path}.{place}") for place, one in enumerate(value)]
+        if isinstance(value, os.PathLike):
+            value = os.fspath(value)
+        if isinstance(value, str):
+            _check_text(value, path)
+        elif isinstance(value, numbers.Real) and not isinstance(value, bool):
+            value = int(value) if isinstance(value, numbers.Integral) else float(value)
+            whole = isinstance(value, int)
+            if abs(value) > _INT64_MAX and not self.python if whole else not math.isfinite(value):
+                raise self._bad(path, hint, value)
+        return value
 
     def _bad(self, path: str, hint: Any, value: Any) -> EvsError:
         """The error for a value that is not what it has to be."""
@@ -348,19 +341,6 @@ def _inside(path: str, hint: Any, value: Any, key: str | int) -> tuple[str, Any,
         return inside, hints_of(cls)[key], given  # type: ignore[arg-type]
     items = next(typing.get_args(k) for k in _kinds(hint) if typing.get_origin(k) is tuple)
     return inside, items[0 if items[1:] == (...,) else key], value[key]
-
-
-def _plain(value: Any) -> Any:
-    """A number, an array or a path of another library as Python's own."""
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    if isinstance(value, numbers.Real) and not isinstance(value, bool | int | float):
-        return int(value) if isinstance(value, numbers.Integral) else float(value)
-    return value
 
 
 def _changed(value: Any, is_path: Callable[[str], bool], change: PathChange) -> Any:
@@ -435,6 +415,7 @@ def _free_keys(table: Any, path: str, prefix: str = "") -> Iterator[tuple[str, s
         if isinstance(value, Mapping):
             yield from _free_keys(value, path, f"{prefix}{key}.")
         elif isinstance(value, str):
+            _check_text(value, f"{path}.{prefix}{key}")
             yield prefix + key, value
         else:
             raise EvsError(f"at {path}.{prefix}{key}: expected a string, got {_shown(value)}")

@@ -29,7 +29,7 @@ def reduced(sensor: SensorParameters, switches: Switches) -> SensorParameters:
     """The sensor without the terms that are forced off."""
     keys = [key for name, keys in TERMS.items() if name in switches.off for key in keys]
     zeros: dict[str, Any] = dict.fromkeys(keys, 0.0)
-    return replace(sensor, **zeros)
+    return replace(sensor, **zeros) if zeros else sensor
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 from weakref import ref
@@ -147,9 +147,13 @@ class World:
 
     @classmethod
     def from_config(cls, config: RunConfig, meter: Meter | None = None) -> World:
-        """The world of a pipeline, with its one camera. Raises EvsError."""
+        """The world of a pipeline, with its one camera. Raises EvsError.
+
+        Headers have the keys of RunConfig, and none of a subclass.
+        """
         world = cls(config.scene, seed=config.seed, threads=config.threads, meter=meter)
-        world._add(plan_of(config), asdict(config))
+        plain = asdict(config)
+        world._add(plan_of(config), {field.name: plain[field.name] for field in fields(RunConfig)})
         return world
 
     def twin(self) -> World:

@@ -115,7 +115,7 @@ def _capture(
     watch = StopWatch()
     with warnings.catch_warnings(record=True) as loading:
         warnings.simplefilter("always")
-        world = World.from_config(config.emulation(), meter=watch)
+        world = World.from_config(config, meter=watch)
     if [str(warning.message) for warning in loading] != list(world.left_out):
         raise EvsError("what is left out is not what was warned of at loading")
     sent: list[Events] = []

@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
         check_new([out, *([] if preview is None else [preview])])
     with terminal.bar("rendering", len(ticks), args.quiet) as moved:
         done = rendering.render(
-            config.emulation(),
+            config,
             out,
             channels,
             ticks,

@@ -78,7 +78,7 @@ def check_pipeline(folder: Path) -> list[Check]:
         }
     )
     watch = StopWatch()
-    world = World.from_config(config.emulation(), meter=watch)
+    world = World.from_config(config, meter=watch)
     listener = _Listener(address)
     sent: list[Events] = []
 
@@ -106,7 +106,7 @@ def check_timing() -> Check:
         }
     )
     watch = StopWatch()
-    report = run(World.from_config(config.emulation(), meter=watch), [], TIMING_S, watch)
+    report = run(World.from_config(config, meter=watch), [], TIMING_S, watch)
     stages = {name: times.median for name, times in report.stage_ms.items() if times.median}
     text = ", ".join(f"{name} {ms:.2f}" for name, ms in stages.items())
     return Check(

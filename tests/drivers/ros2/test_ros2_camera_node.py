@@ -142,7 +142,7 @@ def test_the_events_are_those_of_the_same_world(graph: Graph, node: Any) -> None
     found, messages = events_of(graph)
     words = [("scene.file", SCENE), ("sensor.preset", "imx636"), ("seed", "3")]
     words += [tuple(word.split("=")) for word in SMALL]
-    world = World.from_config(load(None, words).emulation())
+    world = World.from_config(load(None, words))
     expected = np.concatenate([world.step()[0].events for _ in range(TICKS)])
     assert len(expected) > 100
     for name in ("x", "y", "p"):

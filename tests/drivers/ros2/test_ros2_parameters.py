@@ -79,12 +79,12 @@ def test_parameters_of_the_drivers_reach_sink_and_sensor() -> None:
     given += [("sensor.biases.bias_diff_on", "20")]
     given += [(f"sink.0.{key}", text) for key, text in words.items()]
     config = pipeline.load(overrides=given)
-    readout = config.emulation().sensor.readout
+    readout = config.sensor.readout
     assert (readout.roi, readout.erc_rate_mevs) == ((80, 60, 160, 120), 20.0)
     assert isinstance(pipeline.make_sink(config.sink[0]), Ros2Publisher)
     # what is not said changes nothing
     plain = pipeline.load(overrides=given[:2])
-    assert plain.emulation().sensor.readout.erc_rate_mevs is None
+    assert plain.sensor.readout.erc_rate_mevs is None
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_parameters_that_cannot_be(more: dict[str, str], says: str) -> None:
 def test_what_is_said_twice_has_to_be_the_same() -> None:
     given = [("scene.file", "x.xml"), ("sink.0.type", "ros2"), ("sink.0.erc_mode", "disabled")]
     off = pipeline.load(overrides=[*given, ("sensor.readout.erc_rate_mevs", "0")])
-    assert off.emulation().sensor.readout.erc_rate_mevs == 0
+    assert off.sensor.readout.erc_rate_mevs == 0
     with pytest.raises(EvsError, match=r"at sink\.0\.erc_mode: sensor\.readout\.erc_rate"):
         pipeline.load(overrides=[*given, ("sensor.readout.erc_rate_mevs", "5")])
 

@@ -119,6 +119,6 @@ def test_a_run_says_it_once_and_reports_it(tmp_path: Path) -> None:
     )
     said: list[str] = []
     sinks = [make_sink(sink) for sink in config.sinks()]
-    report = run(World.from_config(config.emulation()), sinks, 0.005, warn=said.append)
+    report = run(World.from_config(config), sinks, 0.005, warn=said.append)
     assert said == ["camera 'camera': " + of(cutoff_hz=0.01)[0].removeprefix("camera 'eye': ")]
     assert report.warnings == said

@@ -41,7 +41,7 @@ BOTH = [
 
 def world_of(words: list[str]) -> World:
     pairs = [(key, value) for key, _, value in (word.partition("=") for word in words[1:])]
-    return World.from_config(pipeline.load(None, pairs).emulation())
+    return World.from_config(pipeline.load(None, pairs))
 
 
 def test_recordings_hold_what_a_world_gives(

@@ -34,7 +34,7 @@ class Session:
         """
         self._pacer = Pacer(speed, catch_up_s=config.realtime.catch_up_s)
         self._monitor = PaceMonitor(self._pacer, warn)
-        self.world = World.from_config(config.emulation())
+        self.world = World.from_config(config)
         (self.camera,) = self.world.cameras
         self._sensors = SensorControl(self.world)
         self._described: list[dict[str, Any]] = []
