@@ -10,23 +10,22 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.base.protocols import Meter
+from evs.emulator.base.protocols import Commit, Meter
 from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.base.scene import F64
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.config.schema import DelayConfig
 from evs.emulator.config.settings import plain_integer, plain_number
 from evs.emulator.simulation.channels import Channels, check_delays
-from evs.emulator.simulation.resets import over_at_once, put_saved, reset_worlds
+from evs.emulator.simulation.resets import over_at_once, prepare_restore_worlds, reset_worlds
 from evs.emulator.simulation.world import World
 from evs.emulator.state import (
+    Resumable,
     Saved,
     joined,
     number,
     numbers,
-    pack,
     part,
-    unpack_here,
     whole,
     word,
     words,
@@ -44,7 +43,7 @@ from evs.emulator.world import (
 from evs.msgs import EventPacket, EvsError, Observation, StreamInfo
 
 
-class ClosedLoop:
+class ClosedLoop(Resumable):
     """Lock-step: each `step` takes a decision, and gives what has arrived for the next one.
 
         limits = {"tilt": (-0.5, 0.5)}
@@ -249,61 +248,56 @@ class ClosedLoop:
         return not self._done
 
     def save(self, compress: bool = False) -> bytes:
-        """Save everything that the next step follows from: world, delays, messages on their way.
-
-        Args:
-            compress: As of World.save.
-
-        Returns:
-            What `restore` takes.
-
-        Raises:
-            EvsError: There was no reset before.
-        """
+        """See Resumable.save."""
         if self._done is None:
             raise EvsError("the loop has not begun: call reset before save")
-        return pack(self._identity(), self._arrays(self._channels), compress)
+        return super().save(compress)
 
     def restore(self, blob: bytes) -> Observation:
-        """Go on from where `save` was called, in this process or another, with the same bytes.
-
-        The loop need not have been reset before.
-
-        Args:
-            blob: What `save` gave.
+        """See Resumable.restore; the loop need not have been reset before.
 
         Returns:
             The encoders there, and no packets: those that had arrived were handed out.
-
-        Raises:
-            EvsError: It is damaged, or of another model or configuration; nothing has changed.
         """
-        # the world may have got another camera since
-        like = self._channels if self._knows_cameras else self._new_channels(self.world.seed)
         with self.world.values_of(blob):
-            saved = unpack_here(blob, self._identity(), self._arrays(like))
-            done, wants_state = word(saved, "done"), bool(number(saved, "wants_state", 0, 1))
-            inner = part(saved, "world")
-            channels = like.read(part(saved, "channels"), whole(inner, "seed"))
-            put_saved([self.world], [inner])
-        self._channels, self._done, self._wants_state = channels, done, wants_state
+            super().restore(blob)
         self._encoders.read(self.world.data)
         return self._seen()
+
+    def prepare_restore(self, saved: Saved) -> Commit:
+        """Check a saved state; the commit puts it in place. Raises EvsError."""
+        done, wants_state = word(saved, "done"), bool(number(saved, "wants_state", 0, 1))
+        world = part(saved, "world")
+        channels = self._like().read(part(saved, "channels"), whole(world, "seed"))
+        commit_world = prepare_restore_worlds([self.world], [world])
+
+        def commit() -> None:
+            commit_world()
+            self._channels, self._done, self._wants_state = channels, done, wants_state
+
+        return commit
 
     @property
     def _knows_cameras(self) -> bool:
         return len(self.world.cameras) == len(self._channels.cameras)
 
-    def _arrays(self, channels: Channels) -> Saved:
-        saved = joined(world=self.world.arrays(), channels=channels.save())
+    def _like(self) -> Channels:
+        """Channels of the cameras of now: the world may have got another one since."""
+        return self._channels if self._knows_cameras else self._new_channels(self.world.seed)
+
+    def arrays(self) -> Saved:
+        """What `save` packs, by name."""
+        saved = joined(world=self.world.arrays(), channels=self._like().save())
         return saved | numbers(wants_state=self._wants_state) | words(done=self._done or "")
 
-    def _identity(self) -> dict[str, Any]:
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Where a saved state belongs, in plain values."""
         limits = {
             limit.name: f"{limit.low:g} ... {limit.high:g}" for limit in self._encoders.limits
         }
         own = {"max_s": self._max_s, "limits": limits, "delays": asdict(self._delays)}
-        return {"kind": "loop", **self.world.identity, "loop": own}
+        return {**self.world.identity, "kind": "loop", "loop": own}
 
     def _check_going(self) -> None:
         if not self._knows_cameras:

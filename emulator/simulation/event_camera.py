@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from evs.emulator.base.protocols import Commit
 from evs.emulator.base.scene import F32, GroundTruth
 from evs.emulator.camera.camera import Camera
 from evs.emulator.camera.camera_plan import plan_camera
@@ -21,15 +22,7 @@ from evs.emulator.config import (
 )
 from evs.emulator.config.settings import plain_integer
 from evs.emulator.simulation.snapshot_history import SnapshotHistory
-from evs.emulator.state import (
-    Saved,
-    joined,
-    pack,
-    part,
-    unpack_here,
-    whole,
-    words,
-)
+from evs.emulator.state import Resumable, Saved, joined, part, whole, words
 from evs.emulator.state.versions import versions
 from evs.emulator.world import (
     LiveScene,
@@ -64,7 +57,7 @@ def _kind(thing: object) -> str:
     return kind.__name__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__name__}"
 
 
-class EventCamera:
+class EventCamera(Resumable):
     """An event camera for a mujoco.MjModel that somebody else steps.
 
         sensor = EventCamera(model, camera="track")
@@ -242,50 +235,41 @@ class EventCamera:
         """
         self._camera.adjust(**keys)
 
-    def save(self, compress: bool = False) -> bytes:
-        """Save everything that the next observe follows from, except the data that it is given.
-
-        Args:
-            compress: Half the size, in about 6 times the time.
-
-        Returns:
-            What `restore` takes.
-        """
-        return pack(self._identity(), self._arrays(), compress)
-
     def restore(self, blob: bytes) -> None:
-        """Go on from where `save` was called, in this process or another, with the same bytes.
-
-        Put the data back as well.
-
-        Args:
-            blob: What `save` gave.
-
-        Raises:
-            EvsError: It is damaged, or of another model or configuration; nothing has changed.
-        """
+        """See Resumable.restore; put the data back as well."""
         self._scene.compare_large_arrays()
         self._see_edits()
-        saved = unpack_here(blob, self._identity(), self._arrays())
+        super().restore(blob)
+
+    def prepare_restore(self, saved: Saved) -> Commit:
+        """Check a saved state; the commit puts it in place. Raises EvsError."""
         t_us = saved["t_us"].tolist()
         if len(t_us) > 1:
             raise EvsError("saved state is damaged: its time is invalid; save it again")
         moments, seen = self._history.read(part(saved, "moments"), t_us[0] if t_us else 0)
         now, previous = (*seen, None, None)[:2]
         seed = whole(saved, "seed")
-        self._camera.prepare_restore(part(saved, "camera"), seed, now, previous)()
-        self._history, self._packet = moments, None
-        self._t_us = t_us[0] if t_us else None
-        self._stability.forget()
+        commit_camera = self._camera.prepare_restore(part(saved, "camera"), seed, now, previous)
 
-    def _arrays(self) -> Saved:
+        def commit() -> None:
+            commit_camera()
+            self._history, self._packet = moments, None
+            self._t_us = t_us[0] if t_us else None
+            self._stability.forget()
+
+        return commit
+
+    def arrays(self) -> Saved:
+        """What `save` packs, by name."""
         return {
             **joined(camera=self._camera.save(), moments=self._history.save()),
             **words(seed=str(self._camera.info.seed)),
             "t_us": np.array([] if self._t_us is None else [self._t_us], np.int64),
         }
 
-    def _identity(self) -> dict[str, Any]:
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Where a saved state belongs, in plain values."""
         return {
             "kind": "sensor",
             "versions": {key: versions()[key] for key in ("evs", "mujoco")},

@@ -9,6 +9,7 @@ import numpy as np
 
 from evs import __version__
 from evs.emulator.base.features import UNFORCED
+from evs.emulator.base.protocols import Commit
 from evs.emulator.base.scene import F32
 from evs.emulator.camera.auxiliary_sensors import AuxiliarySensors
 from evs.emulator.camera.frame_light import FrameLight, frame_array
@@ -16,17 +17,7 @@ from evs.emulator.camera.pixel_pipeline import DoneTick, PixelPipeline
 from evs.emulator.config import ModelConfig, SensorConfig
 from evs.emulator.config.settings import plain_config, plain_integer, with_keys
 from evs.emulator.sensor import completed, resolve_sensor
-from evs.emulator.state import (
-    Saved,
-    joined,
-    number,
-    numbers,
-    pack,
-    part,
-    unpack_here,
-    whole,
-    words,
-)
+from evs.emulator.state import Resumable, Saved, joined, number, numbers, part, whole, words
 from evs.msgs import (
     EventPacket,
     Events,
@@ -46,7 +37,7 @@ LATEST_US = 2**52
 """142 years: no stamp of a frame is later"""
 
 
-class Pixels:
+class Pixels(Resumable):
     """An event sensor without a scene: frames in, events out.
 
         pixels = Pixels("davis346", size=(640, 480))
@@ -275,44 +266,30 @@ class Pixels:
         self._finished = False
         self._seq = 0
 
-    def save(self, compress: bool = False) -> bytes:
-        """Save everything that the next observe follows from, except the frame that it is given.
-
-        Args:
-            compress: Half the size, in about 6 times the time.
-
-        Returns:
-            What `restore` takes.
-        """
-        return pack(self._identity(), self._arrays(), compress)
-
-    def restore(self, blob: bytes) -> None:
-        """Go on from where `save` was called, in this process or another, with the same bytes.
-
-        Args:
-            blob: What `save` gave.
-
-        Raises:
-            EvsError: It is damaged, or of another configuration; nothing has changed.
-        """
-        saved = unpack_here(blob, self._identity(), self._arrays())
+    def prepare_restore(self, saved: Saved) -> Commit:
+        """Check a saved state; the commit puts it in place. Raises EvsError."""
         seed, seq = whole(saved, "seed"), number(saved, "seq", 0)
         finished = bool(number(saved, "finished", 0, 1))
         t_us = saved["t_us"].tolist()
         if len(t_us) > 1:
             raise EvsError("saved state is damaged: its time is invalid; save it again")
-        put_stages = self._stages.prepare_restore(part(saved, "stages"), seed)
-        put_auxiliary = self._auxiliary.prepare_restore(part(saved, "auxiliary"))
-        self._seed = seed
-        config = {**self._info.config, "seed": seed}
-        self._info = replace(self._info, seed=seed, config=config)
-        self.reset()
-        put_stages()
-        put_auxiliary()
-        self._t_us = t_us[0] if t_us else None
-        self._seq, self._finished = seq, finished
+        commit_stages = self._stages.prepare_restore(part(saved, "stages"), seed)
+        commit_auxiliary = self._auxiliary.prepare_restore(part(saved, "auxiliary"))
 
-    def _arrays(self) -> Saved:
+        def commit() -> None:
+            self._seed = seed
+            config = {**self._info.config, "seed": seed}
+            self._info = replace(self._info, seed=seed, config=config)
+            self.reset()
+            commit_stages()
+            commit_auxiliary()
+            self._t_us = t_us[0] if t_us else None
+            self._seq, self._finished = seq, finished
+
+        return commit
+
+    def arrays(self) -> Saved:
+        """What `save` packs, by name."""
         return {
             **joined(stages=self._stages.save(), auxiliary=self._auxiliary.save()),
             **numbers(seq=self._seq, finished=self._finished),
@@ -320,7 +297,9 @@ class Pixels:
             "t_us": np.array([] if self._t_us is None else [self._t_us], np.int64),
         }
 
-    def _identity(self) -> dict[str, Any]:
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Where a saved state belongs, in plain values."""
         config = self._info.config
         return {
             "kind": "pixels",

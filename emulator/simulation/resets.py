@@ -111,17 +111,15 @@ def restore_worlds(worlds: Sequence[ResettableWorld], blobs: Sequence[bytes]) ->
     with ExitStack() as undo:
         for world, blob in zip(worlds, blobs, strict=True):
             undo.enter_context(world.values_of(blob))
-        put_saved(
-            worlds,
-            [
-                unpack_here(blob, {"kind": "world", **world.identity}, world.arrays())
-                for world, blob in zip(worlds, blobs, strict=True)
-            ],
-        )
+        saved = [
+            unpack_here(blob, world.identity, world.arrays())
+            for world, blob in zip(worlds, blobs, strict=True)
+        ]
+        prepare_restore_worlds(worlds, saved)()
 
 
-def put_saved(worlds: Sequence[ResettableWorld], saved: Sequence[Saved]) -> None:
-    """Put saved states in place, which are checked all before the first is.
+def prepare_restore_worlds(worlds: Sequence[ResettableWorld], saved: Sequence[Saved]) -> Commit:
+    """Check saved states; the commit puts all of them in place.
 
     Args:
         worlds: The worlds, within `values_of` of their states.
@@ -135,5 +133,9 @@ def put_saved(worlds: Sequence[ResettableWorld], saved: Sequence[Saved]) -> None
     if any(seen):
         # the cameras have other renderers
         commits = [world.prepare_restore(one) for world, one in zip(worlds, saved, strict=True)]
-    for commit in commits:
-        commit()
+
+    def commit() -> None:
+        for one in commits:
+            one()
+
+    return commit

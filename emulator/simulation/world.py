@@ -33,10 +33,10 @@ from evs.emulator.config.settings import plain_config, plain_integer
 from evs.emulator.simulation.resets import PreparedReset, reset_worlds, restore_worlds
 from evs.emulator.simulation.snapshot_history import SnapshotHistory
 from evs.emulator.state import (
+    Resumable,
     Saved,
     described,
     joined,
-    pack,
     part,
     whole,
     words,
@@ -65,7 +65,7 @@ from evs.emulator.world.controls import ControlSource
 from evs.msgs import EventPacket, EvsError
 
 
-class World:
+class World(Resumable):
     """A scene that we step, and the cameras that watch it.
 
         world = World("humanoid.xml", control="random")
@@ -350,31 +350,8 @@ class World:
         self._see_edits()
         return self._scene.revision
 
-    def save(self, compress: bool = False) -> bytes:
-        """Save everything that the next tick follows from, of physics and cameras.
-
-        A control function of the caller's own is not saved; it needs no saving if it follows from
-        its arguments alone.
-
-        Args:
-            compress: Half the size, in about 6 times the time.
-
-        Returns:
-            What `restore` takes.
-        """
-        return pack({"kind": "world", **self.identity}, self.arrays(), compress)
-
     def restore(self, blob: bytes) -> None:
-        """Go on from where `save` was called, in this process or another, with the same bytes.
-
-        Seed, threads and instruction set may be others: seeds are restored.
-
-        Args:
-            blob: What `save` gave.
-
-        Raises:
-            EvsError: It is damaged, or of another model or configuration; nothing has changed.
-        """
+        """See Resumable.restore."""
         restore_worlds([self], [blob])
 
     @contextmanager
@@ -433,14 +410,7 @@ class World:
         }
 
     def prepare_restore(self, saved: Saved) -> Commit:
-        """Check a saved state; the commit puts it in place.
-
-        Args:
-            saved: What `arrays` gave; names, kinds and dimensions are checked already.
-
-        Raises:
-            EvsError: It is damaged.
-        """
+        """Check a saved state; the commit puts it in place. Raises EvsError."""
         physics = self._physics.prepare_restore(part(saved, "physics"))
         seed, control_seed = whole(saved, "seed"), whole(saved, "control_seed")
         given = saved["given"]
@@ -475,6 +445,7 @@ class World:
         settings = asdict(self._scene_config)
         keys = ("start_us", "control", "control_file", "control_hz", "control_scale", "keyframe")
         return {
+            "kind": "world",
             "versions": {key: versions()[key] for key in ("evs", "mujoco")},
             "scene": {"tick_us": self.substeps.tick_us, **{key: settings[key] for key in keys}},
             "model": self._digest(),

@@ -2,6 +2,7 @@
 
 from evs.emulator.state.blob import MAX_BYTES, described, pack, unpack
 from evs.emulator.state.identity import check_identity
+from evs.emulator.state.resumable import Resumable
 from evs.emulator.state.tree import (
     MOST,
     Saved,
@@ -19,6 +20,7 @@ from evs.emulator.state.tree import (
 __all__ = [
     "MAX_BYTES",
     "MOST",
+    "Resumable",
     "Saved",
     "check_identity",
     "check_like",

@@ -160,46 +160,6 @@ def test_without_ids_labels_have_the_cause_alone() -> None:
     assert np.all(pixels.labels["geom_id"] == -1)
 
 
-@pytest.mark.parametrize("model", ["plain", "adaptive", "evsnet"])
-def test_a_saved_state_goes_on_with_the_same_bytes(model: str) -> None:
-    light = film(12)
-    keys: dict[str, Any] = {
-        "readout.bandwidth_mevs": 0.5,
-        "aps": {"enabled": True, "rate_hz": 500.0, "exposure_us": 500, "row_us": 5.0},
-    }
-    pixels = evs.Pixels("davis346", SMALL, model=model, seed=4, **keys)
-    for k in range(6):
-        pixels.observe(light[k], 1000 * k)
-    blob = pixels.save(compress=True)
-    other = evs.Pixels("davis346", SMALL, model=model, seed=8, threads=2, **keys)
-    other.restore(blob)
-    assert other.info.seed == 4
-    frames = 0
-    for k in range(6, 12):
-        assert (
-            pixels.observe(light[k], 1000 * k).tobytes()
-            == other.observe(light[k], 1000 * k).tobytes()
-        )
-        pairs = zip(pixels.frames, other.frames, strict=True)
-        assert all(np.array_equal(a.pixels, b.pixels) for a, b in pairs)
-        frames += len(pixels.frames)
-    assert frames >= 2
-    assert pixels.packet is not None
-    assert other.packet is not None
-    assert pixels.packet.seq == other.packet.seq == 10
-    assert pixels.finish().tobytes() == other.finish().tobytes()
-
-
-def test_a_state_of_other_pixels_is_refused() -> None:
-    blob = evs.Pixels("ideal", SMALL).save()
-    with pytest.raises(EvsError, match="sensor"):
-        evs.Pixels("ideal", SMALL, pos_thres=0.3).restore(blob)
-    with pytest.raises(EvsError, match="unit"):
-        evs.Pixels("ideal", SMALL, unit="dn").restore(blob)
-    with pytest.raises(EvsError):
-        evs.Pixels("ideal", SMALL).restore(blob[:-9])
-
-
 def test_reset_is_as_new() -> None:
     light, pixels = film(5), evs.Pixels("davis346", SMALL, seed=2)
     first = seen(pixels, light)

@@ -90,14 +90,6 @@ def test_any_damage_is_seen(loop, blob, data):
     assert loop.t_us == before
 
 
-@given(raw=st.binary(max_size=300))
-@settings(max_examples=200)
-def test_bytes_of_something_else_are_no_state(loop, raw):
-    for one in (raw, b"evs save" + raw, b"evs save\1\0\0\0" + raw):
-        with pytest.raises(EvsError):
-            loop.restore(one)
-
-
 def step_if_restored(loop, blob):
     """Nothing but one line of an EvsError may come of it."""
     said = []
