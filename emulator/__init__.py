@@ -6,7 +6,7 @@
     sensor/       light into events: pixels, noise, readout, presets, frames (APS), IMU
     evsnet/       light into events by a trained network
     camera/       one camera: lens, renderer, event model and packets together
-    simulation/   loops of worlds and cameras: World, EventCamera (Sensor), Pixels, ClosedLoop
+    simulation/   loops of worlds and cameras: World, EventCamera, Pixels, ClosedLoop
     state/        saved states
 
 base/ and config/ are what all of them share; core/ is the C++ below.

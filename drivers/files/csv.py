@@ -2,7 +2,7 @@
 
 CSV is a line of names, then `t,x,y,p` for each event, t in us. TXT has `t x y p` with t in seconds
 and no header, as the Event Camera Dataset; rpg_e2vid expects a first line of width and height. The
-StreamInfo lies beside them in FILE.json; older CSV files begin with it (`# evs {...}`).
+StreamInfo lies beside them in FILE.json.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy.typing as npt
 from evs.drivers.files.appending_recorder import AppendingRecorder
 from evs.drivers.files.capabilities import MAX_SIDE_PX
 from evs.drivers.files.formats import SIZE_LINE, AnyPath
-from evs.drivers.files.header_text import json_object, stream_from_header, stream_from_json
+from evs.drivers.files.header_text import stream_from_header, stream_from_json
 from evs.drivers.files.integrity import MAX_STAMP_US, IntegrityReport
 from evs.drivers.files.layouts import NAMES, SAMPLE, Table, decide, events_of, named_columns
 from evs.drivers.files.metadata_file import read_metadata, write_metadata
@@ -32,8 +32,6 @@ from evs.drivers.files.paths import existing
 from evs.drivers.files.recording_file import EventOnlyFile
 from evs.drivers.files.time_order import EventSorter
 from evs.msgs import Events, EvsError, StreamInfo
-
-EVS_LINE = "# evs "
 
 _CHUNK_BYTES = 1 << 20
 _HEAD_BYTES = 1 << 22
@@ -195,9 +193,7 @@ class CsvFile(EventOnlyFile):
         at, begun, names = 0, bool(stated), None
         for line in islice(BytesIO(data), _HEAD_LINES):
             text = line.strip()
-            if text.startswith(EVS_LINE.encode()):
-                stated, begun = json_object(text[len(EVS_LINE) :].decode(errors="replace")), True
-            elif size := _GEOMETRY.match(text):
+            if size := _GEOMETRY.match(text):
                 self._state_size(int(size[1]), int(size[2]))
             elif not self.stream.width and (size := SIZE_LINE.fullmatch(line)):
                 self._state_size(int(size[1]), int(size[2]))

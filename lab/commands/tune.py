@@ -46,8 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--rtf", type=float, metavar="R", help="real-time factor to reach; maximises accuracy")
     add("--error", type=float, metavar="E", help="largest error; maximises speed")
     add(
-        *("--metric", "--figure"),
-        dest="figure",
+        "--metric",
         default="unmatched",
         metavar="NAME",
         help="error metric: unmatched, emd",
@@ -80,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     from evs_lab.tuning.space import candidates
 
     begin_s = monotonic_s()
-    goal, figure = search.TuningGoal(args.rtf, args.error), error_metric(args.figure)
+    goal, figure = search.TuningGoal(args.rtf, args.error), error_metric(args.metric)
     budget_s: float = args.budget
     if not 0.0 < budget_s <= MAX_BUDGET_S:
         raise EvsError(f"--budget is {budget_s:g} s: give more than 0, {MAX_BUDGET_S:g} at most")
@@ -144,7 +143,7 @@ def _command(args: argparse.Namespace) -> str:
         value = getattr(args, name)
         if value is not None:
             parts += [f"--{name}", f"{value:g}" if isinstance(value, float) else value]
-    for name, usual in (("figure", "unmatched"), ("motion", "still")):
+    for name, usual in (("metric", "unmatched"), ("motion", "still")):
         if getattr(args, name) != usual:
             parts += [f"--{name}", getattr(args, name)]
     return reinvoke.command([*parts, *(["--quick"] if args.quick else [])])

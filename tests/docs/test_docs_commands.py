@@ -1,4 +1,4 @@
-"""Every shell line of the pages parses, and so does every one that the pages of 0.1.0 showed."""
+"""Every shell line of the pages parses."""
 
 from __future__ import annotations
 
@@ -24,7 +24,6 @@ from evs.launch.support.options import parse_pipeline
 from evs.tools.dataset.scenes import of_file
 
 ROOT = Path(__file__).parents[2]
-YESTERDAY = ROOT / "tests/docs/commands_0_1.txt"
 PAGES = sorted(
     [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "lab/docs").rglob("*.md")]
 )
@@ -114,12 +113,6 @@ def today() -> list[str]:
     return list(dict.fromkeys(line for page in PAGES for line in lines_of(page)))
 
 
-def yesterday() -> list[str]:
-    """Every line that the pages of 0.1.0 showed, once."""
-    lines = YESTERDAY.read_text(encoding="utf-8").splitlines()
-    return list(dict.fromkeys(line[2:] for line in lines if line.startswith("$ ")))
-
-
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where the lines are given: the files that they name relative to the checkout are there."""
@@ -146,18 +139,13 @@ def test_every_line_of_the_pages_parses(line: str, folder: Path) -> None:
         assert words[0] in ELSEWHERE
 
 
-@pytest.mark.parametrize("line", yesterday())
-def test_every_line_of_yesterdays_pages_parses(line: str, folder: Path) -> None:
-    parse(words_of(line), folder)
-
-
-def test_the_toml_of_the_pages_and_of_yesterdays_loads(folder: Path) -> None:
+def test_the_toml_of_the_pages_loads(folder: Path) -> None:
     blocks = re.compile(r"^(?:\[toml\]|```toml)\n(.*?)^(?:\[end\]|```)", re.DOTALL | re.MULTILINE)
-    texts = [text for page in [YESTERDAY, *PAGES] for text in blocks.findall(page.read_text())]
+    texts = [text for page in PAGES for text in blocks.findall(page.read_text())]
     ranges = [text for text in texts if text.startswith("# ranges.toml")]
     texts = [text for text in texts if text not in ranges]
-    # both are what lies beside a scene of a data set
-    assert len(texts) == 2
+    # what lies beside a scene of a data set
+    assert len(texts) == 1
     for text in texts:
         assert tomllib.loads(text)
         (folder / "robot.xml").write_text("<mujoco/>")
@@ -177,7 +165,6 @@ def test_the_toml_of_the_pages_and_of_yesterdays_loads(folder: Path) -> None:
 
 def test_there_are_lines() -> None:
     assert len(today()) > 120
-    assert len(yesterday()) > 100
 
 
 @pytest.mark.parametrize("line", ["evs emulate --duraton 2", "evs emulate sensor.nonsense=1"])

@@ -205,7 +205,7 @@ def test_a_damaged_source_is_converted_as_far_as_it_is_whole(tmp_path: Path) -> 
 def test_a_recording_of_many_files_comes_out_whole(tmp_path: Path) -> None:
     given = tmp_path / "a.csv"
     wrap = 1 << 31
-    given.write_text(f'# evs {{"width": 9, "height": 9}}\n{wrap - 1},1,1,1\n{wrap},2,2,1\n')
+    given.write_text(f"%geometry:9,9\n{wrap - 1},1,1,1\n{wrap},2,2,1\n")
     done = convert(given, tmp_path / "b.aedat")
     assert [path.name for path in done.files] == ["b-001.aedat", "b.aedat"]
     alone = [files.read(path, single=True)["t"].tolist() for path in done.files]

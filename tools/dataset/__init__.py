@@ -9,7 +9,6 @@ __all__ = [
     "Dataset",
     "DatasetSummary",
     "LabelledEvents",
-    "Recorded",
     "RecordedSequence",
     "SceneFile",
     "make_dataset",
@@ -19,6 +18,3 @@ __all__ = [
     "shard_count",
     "verify",
 ]
-
-Recorded = RecordedSequence
-"""the former name of RecordedSequence"""

@@ -57,7 +57,7 @@ LABEL_ARRAYS = {
 """array, (n,) or (n, 2) as the events -> (kinds of dtype, axes, value in files without it)"""
 
 REQUIRED_LABELS = {"cause", "geom_id"}
-"""what files of evs 0.1 have"""
+"""without these, an archive has no labels"""
 
 Get = Callable[[str, str, int], Array]
 """reads an array by its name, allowed kinds of dtype and number of axes"""

@@ -123,7 +123,7 @@ def test_keys_that_are_given_stay() -> None:
         ([SCENE, "--budget", "0"], "--budget is 0 s: give more than 0"),
         ([SCENE, "--budget", "inf"], "--budget is inf s: give more than 0, 1e+06 at most"),
         ([SCENE, "-o", "new.xml"], "--output is 'new.xml', a scene by its ending"),
-        ([SCENE, "--figure", "edm"], "no figure of error 'edm'; there is: emd"),
+        ([SCENE, "--metric", "edm"], "no figure of error 'edm'; there is: emd"),
         ([SCENE, "-o", "nowhere/t.toml"], "there is no folder 'nowhere'"),
         ([SCENE, "-o", "mine.toml"], "'mine.toml' is there and was not written by evs tune"),
         ([SCENE, "--rft", "1"], "unrecognized arguments: --rft"),

@@ -77,11 +77,7 @@ CASES = {
     "bad.csv": (b"1,2,3,1\n" + b"x\n" * 200_000, 1),
     "line.csv": (b"1,2,3,1\n" + b"1" * 9_000_000, 1),
     "wide.csv": (b"1,2,3,1" + b",5" * 2_000_000 + b"\n", -1),
-    "tick.csv": (
-        b'# evs {"width": 9, "height": 9, "tick_us": 4000000000000000000}\n1,2,3,1\n'
-        + b"1,2,3,1\n" * 99_999,
-        100_000,
-    ),
+    "tick.csv": (b"1,2,3,1\n" * 100_000, 100_000),
 }
 
 
@@ -90,6 +86,9 @@ def test_a_crafted_file_costs_what_it_weighs(tmp_path: Path, name: str) -> None:
     data, count = CASES[name]
     path, small = tmp_path / name, tmp_path / f"small{Path(name).suffix}"
     path.write_bytes(data)
+    if name == "tick.csv":
+        told = '{"width": 9, "height": 9, "tick_us": 4000000000000000000}'
+        path.with_name("tick.csv.json").write_text(told)
     small.write_bytes(
         {".csv": b"1,1,1,1\n", ".aedat": AEDAT2, ".aedat3": AEDAT3 + packet(1)}[small.suffix]
     )

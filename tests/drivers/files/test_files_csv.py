@@ -135,21 +135,6 @@ def test_a_device_has_no_metadata_file(monkeypatch: pytest.MonkeyPatch) -> None:
     assert written == []
 
 
-@pytest.mark.parametrize("name", ["old.csv", "old.txt"])
-def test_files_with_the_stream_in_their_first_line_are_read(tmp_path: Path, name: str) -> None:
-    # as evs 0.1 wrote them
-    path = tmp_path / name
-    path.write_text(
-        '# evs {"width": 346, "height": 260, "camera": "eye", "sensor": "davis346", "tick_us": '
-        '1000, "seed": 9, "versions": {}, "config": {"a": [1]}, "camera_info": {}, "frames": '
-        'false, "imu": false, "triggers": false, "latency_us": 0}\n'
-        "t,x,y,p\n5,1,2,1\n7,3,4,0\n"
-    )
-    recording = files.read(path)
-    assert recording.tolist() == WANTED
-    assert recording.stream == STREAM
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -184,10 +169,8 @@ def test_what_others_write_is_read(tmp_path: Path, text: str) -> None:
 
 def test_a_stream_without_ticks_is_read_in_parts_of_a_ms(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_text(
-        '# evs {"width": 9, "height": 9, "tick_us": 1}\n'
-        + "".join(f"{t},1,1,1\n" for t in range(1, 5001))
-    )
+    path.write_text("".join(f"{t},1,1,1\n" for t in range(1, 5001)))
+    path.with_name("a.csv.json").write_text('{"width": 9, "height": 9, "tick_us": 1}')
     assert [len(packet) for packet in files.packets(path)] == [1000] * 5
 
 

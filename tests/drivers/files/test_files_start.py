@@ -20,9 +20,6 @@ from evs.msgs.codecs import (
     TIME_ORIGIN_US,
     PayloadReader,
     decode_evt3,
-    encode_evt2,
-    encode_evt3,
-    encode_evt21,
 )
 
 UNIX_US = 1_795_305_600_000_000
@@ -78,16 +75,6 @@ def test_the_order_of_evt21_has_a_line_of_its_own() -> None:
     for version in ("2.0", "2.1", "3.0"):
         head = header_bytes(stream_of(0), version, 0)
         assert (b"% endianness little\n" in head) == (version == "2.1")
-
-
-@pytest.mark.parametrize("version", ["2.0", "2.1", "3.0"])
-def test_files_whose_clock_began_at_one_second_are_read(version: str, tmp_path: Path) -> None:
-    # as evs 0.1 wrote them
-    encode = {"2.0": encode_evt2, "2.1": encode_evt21, "3.0": encode_evt3}[version]
-    events, path = events_from(0), tmp_path / "old.raw"
-    words = encode(events, time_origin_us=1_000_000, after_us=-1_000_000)
-    path.write_bytes(header_bytes(stream_of(0), version, 1_000_000) + words)
-    assert files.read(path).tobytes() == events.tobytes()
 
 
 SHIFTED = {

@@ -148,7 +148,7 @@ def test_a_recording_keeps_them(tmp_path: Path) -> None:
     for name in labels.dtype.names:
         np.testing.assert_array_equal(arrays[name], labels[name])
 
-    # as evs 0.1 wrote them
+    # an archive of less
     for name in ("class_id", "depth", "flow"):
         del arrays[name]
     np.savez(tmp_path / "old.npz", **arrays)
