@@ -84,7 +84,7 @@ def test_command_json_and_picture(
     assert page.count("\n| still | ") == page.count("\n| pan | ") == 10 + 2 * 22
     with Image.open(out[2]) as image:
         picture = np.asarray(image.convert("RGB"))
-    assert picture.shape[1] == 2 * 640 + 44
+    assert picture.shape[1] == 2 * 640
     assert np.count_nonzero(picture.max(2) - picture.min(2) > 60) > 200
 
     # again: nothing is traced, and the table is on stdout
