@@ -160,6 +160,32 @@ class Light:
     name: str = ""
     """the model's name of it, else its number; "headlight" is the camera's"""
 
+    @property
+    def is_image(self) -> bool:
+        """Whether it shines from everywhere around the scene: it has no position and no shadow."""
+        return self.kind is LightKind.IMAGE
+
+    @property
+    def is_delta_direction(self) -> bool:
+        """Whether all its rays are parallel: it has no position."""
+        return self.kind is LightKind.DIRECTIONAL
+
+    @property
+    def is_local(self) -> bool:
+        """Whether it shines from a position."""
+        return not self.is_image and not self.is_delta_direction
+
+    @property
+    def has_cone(self) -> bool:
+        """Whether it shines only within `cutoff_deg`."""
+        return self.kind is LightKind.SPOT
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether its cone or its range ends."""
+        cone = self.has_cone and self.cutoff_deg < 180
+        return cone or (self.is_local and self.intensity > 0 and self.range_m > 0)
+
 
 @dataclass(frozen=True)
 class Atmosphere:

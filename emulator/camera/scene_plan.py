@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evs.emulator.base.features import FEATURES, Feature
-from evs.emulator.base.scene import Light, LightKind, ObjectKind, SceneModel, Shape
+from evs.emulator.base.scene import Light, ObjectKind, SceneModel, Shape
 from evs.emulator.config import ModelConfig, RenderConfig
 from evs.emulator.render.registry import RENDERERS
 from evs.emulator.sensor import SensorParameters
@@ -230,12 +230,10 @@ def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
         geoms_moving=int((solid & ~scene.geom_static).sum()),
         geoms_still=int((solid & scene.geom_static).sum()),
         lights=dict(sorted(kinds.items())),
-        casting=sum(x.castshadow and x.kind is not LightKind.IMAGE for x in lights),
+        casting=sum(x.castshadow and not x.is_image for x in lights),
         coloured=tuple(x.name for x in lights if not _is_grey(scene, x)),
-        bounded=sum(_is_bounded(light) for light in lights),
-        bulbs=sum(
-            x.bulbradius_m > 0 and x.kind in (LightKind.SPOT, LightKind.POINT) for x in lights
-        ),
+        bounded=sum(x.is_bounded for x in lights),
+        bulbs=sum(x.bulbradius_m > 0 and x.is_local for x in lights),
         surfaces=len(used),
         textured=sum(surface.texture >= 0 for surface in used),
         physical=sum(
@@ -290,16 +288,10 @@ def _is_grey(scene: SceneModel, light: Light) -> bool:
     colours = (light.ambient, light.diffuse, light.specular)
     if any(np.ptp(np.array(colour, np.float32)) > 0 for colour in colours):
         return False
-    if light.kind is not LightKind.IMAGE:
+    if not light.is_image:
         return True
     image = scene.textures[light.texture].data
     return image.shape[-1] < 3 or bool(np.all(image[..., :3] == image[..., :1]))
-
-
-def _is_bounded(light: Light) -> bool:
-    cone = light.kind is LightKind.SPOT and light.cutoff_deg < 180
-    local = light.kind in (LightKind.SPOT, LightKind.POINT)
-    return cone or (local and light.intensity > 0 and light.range_m > 0)
 
 
 @dataclass(frozen=True)

@@ -64,10 +64,8 @@ def extract_light(model: mujoco.MjModel, light: int, surfaces: Surfaces) -> Ligh
         values = getattr(model, f"light_{attribute}")[light]
         return clamped_colour(values, BRIGHTEST, f"{attribute} of light '{name}'")
 
-    kind = LightKind(light_type(model, light))
-    image = int(model.light_texid[light]) if kind is LightKind.IMAGE else -1
     common = Light(
-        kind,
+        LightKind(light_type(model, light)),
         colour("ambient"),
         colour("diffuse"),
         colour("specular"),
@@ -75,13 +73,14 @@ def extract_light(model: mujoco.MjModel, light: int, surfaces: Surfaces) -> Ligh
         intensity=number("intensity", 0.0, BRIGHTEST),
         range_m=number("range", 0.0, 1e9),
         bulbradius_m=number("bulbradius", 0.0, 1e9),
-        texture=surfaces.texture(image),
         name=name,
     )
-    if kind not in (LightKind.SPOT, LightKind.POINT):
+    if common.is_image:
+        return replace(common, texture=surfaces.texture(int(model.light_texid[light])))
+    if not common.is_local:
         return common
     common = replace(common, attenuation=colour("attenuation"))
-    if kind is LightKind.POINT:
+    if not common.has_cone:
         return common
     return replace(
         common,

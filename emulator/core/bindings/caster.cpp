@@ -173,12 +173,12 @@ void add_surface(SceneData& s, std::array<float, 4> rgba, int texture, std::arra
 void add_light(SceneData& s, int kind, Rgb ambient, Rgb diffuse, Rgb specular, bool castshadow,
                Rgb attenuation, float cutoff_deg, float exponent, float intensity, bool headlight,
                float range, float softness, int texture, float bulbradius) {
-  require(kind >= SPOT && kind <= IMAGE, "unknown kind of light");
+  require(kind >= 0 && kind < LIGHT_KINDS, "unknown kind of light");
   require(texture < static_cast<int>(s.textures.size()), "light's texture does not exist");
-  require(kind != IMAGE || (texture >= 0 && s.textures[texture].faces == 6),
-          "an image light has a texture with six faces");
   SceneData::LightData d = {};
   d.kind = kind;
+  require(!d.is_image() || (texture >= 0 && s.textures[texture].faces == 6),
+          "an image light has a texture with six faces");
   std::copy(ambient.begin(), ambient.end(), d.ambient);
   std::copy(diffuse.begin(), diffuse.end(), d.diffuse);
   std::copy(specular.begin(), specular.end(), d.specular);

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <cstring>
 
-#include "geometry/light_reach.h"
+#include "light.h"
 
 namespace evs {
 namespace {
@@ -109,7 +109,7 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
   reaches_.resize(appearance_.lights.size());
   frame_.reach = reaches_.view();
   auto bounded = std::count_if(appearance_.lights.begin(), appearance_.lights.end(),
-                               [](const Light& light) { return reach_of(light).bounded(); });
+                               [](const Light& light) { return light.reach().bounded(); });
   frame_.cull_lights = forced_.decide(LIGHT_REACH, bounded > FEW_LIGHTS);
   frame_.skybox = appearance_.skybox;
   // direct light knows no sky
@@ -248,12 +248,12 @@ uint32_t Caster::non_occluding_planes(const Light& l) const {
     const Geom& g = geoms_[k];
     if (g.shape != PLANE) break;
     V3 w = {-l.direction.x, -l.direction.y, -l.direction.z};
-    if (l.kind != DIRECTIONAL) {
+    if (!l.is_delta_direction()) {
       w = {l.position.x - g.position.x, l.position.y - g.position.y, l.position.z - g.position.z};
     }
     float height = w.x * g.rotation[2] + w.y * g.rotation[5] + w.z * g.rotation[8];
     // exclude rounding errors and, where lights are bulbs, their radius
-    float part = emitters_ && l.kind != DIRECTIONAL ? l.radius : 0;
+    float part = emitters_ && !l.is_delta_direction() ? l.radius : 0;
     if (height > 1e-5f * std::hypot(w.x, w.y, w.z) + part) non_occluders |= 1u << k;
   }
   return non_occluders;
@@ -357,7 +357,7 @@ bool Caster::same_scene() const {
 bool Caster::same_images() const {
   for (size_t i = 0; i < appearance_.lights.size(); i++) {
     const Light& l = appearance_.lights[i];
-    if (l.kind == IMAGE && std::memcmp(&l, &previous_lights_[i], sizeof l) != 0) return false;
+    if (l.is_image() && std::memcmp(&l, &previous_lights_[i], sizeof l) != 0) return false;
   }
   return true;
 }

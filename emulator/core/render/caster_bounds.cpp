@@ -4,7 +4,7 @@
 #include <cstring>
 
 #include "caster.h"
-#include "geometry/light_reach.h"
+#include "light.h"
 #include "reproducible_math.h"
 
 namespace evs {
@@ -47,7 +47,7 @@ void Caster::Reaches::resize(size_t lights) {
 
 void Caster::Reaches::set(size_t i, const Light& light) {
   V3 p = light.position, d = light.direction;
-  LightReach reach = reach_of(light);
+  LightReach reach = light.reach();
   const float values[9] = {p.x, p.y, p.z, d.x, d.y, d.z, reach.cosine, reach.sine, reach.fade};
   for (int k = 0; k < 9; k++) parts[k][i] = values[k];
 }

@@ -165,7 +165,7 @@ void choose_channels(const SceneData& scene, bool rgb, bool mixing, bool as_grey
   bool grey = !mixing;
   for (const SceneData::LightData& l : scene.lights) {
     grey = grey && is_grey(l.ambient) && is_grey(l.diffuse) && is_grey(l.specular);
-    if (l.kind == IMAGE) grey = grey && is_grey(scene.textures[l.texture]);
+    if (l.is_image()) grey = grey && is_grey(scene.textures[l.texture]);
   }
   grey = grey || (as_grey && !mixing);
   out.channels = !grey ? 3 : rgb ? 4 : 1;
@@ -195,10 +195,10 @@ void add_lights(const SceneData& scene, TextureBaker& baker, Appearance& out) {
   for (const SceneData::LightData& l : scene.lights) {
     Light light = {};
     light.kind = l.kind;
-    light.castshadow = l.castshadow && l.kind != IMAGE;
+    light.castshadow = l.castshadow && !l.is_image();
     light.texture = -1;
     float scale = l.intensity > 0 ? l.intensity : 1.0f;
-    light.inverse_square = l.intensity > 0 && l.kind != DIRECTIONAL;
+    light.inverse_square = l.intensity > 0 && !l.is_delta_direction();
     for (int c = 0; c < out.channels; c++) {
       int k = out.channels == 3 ? c : 0;
       light.ambient[c] = l.intensity > 0 ? 0.0f : l.ambient[k];
@@ -219,7 +219,7 @@ void add_lights(const SceneData& scene, TextureBaker& baker, Appearance& out) {
       light.edge =
           static_cast<float>(1.0 / std::max(inner - std::cos(l.cutoff_deg * RADIANS), 1.0 / 1024));
     }
-    if (l.kind == IMAGE) {
+    if (l.is_image()) {
       light.texture = baker.color(l.texture, WHITE);
       add_image(l, out, light);
     }

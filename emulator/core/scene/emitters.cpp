@@ -91,10 +91,10 @@ Emitters::Emitters(const SceneData& scene, const Appearance& appearance,
                    const std::vector<int>& order) {
   for (const Light& light : appearance.lights) {
     // the ambient part of other lights fades with distance and cone, so it is no environment
-    if (light.kind != DIRECTIONAL) continue;
+    if (!light.is_delta_direction()) continue;
     for (int c = 0; c < 3; c++) ambient_radiance_[c] += std::max(light.ambient[c], 0.0f);
   }
-  for (const Light& light : appearance.lights) lamp_count_ += light.kind != IMAGE;
+  for (const Light& light : appearance.lights) lamp_count_ += !light.is_image();
   has_environment_ = appearance.sky_shines ||
                      lamp_count_ < static_cast<int>(appearance.lights.size()) ||
                      ambient_radiance_[0] + ambient_radiance_[1] + ambient_radiance_[2] > 0;
@@ -180,7 +180,7 @@ void Emitters::make_environment(const Appearance& appearance) {
   constexpr float WHITE[3] = {1, 1, 1};
   if (appearance.sky_shines) add(appearance.skybox, WHITE);
   for (const Light& light : appearance.lights) {
-    if (light.kind == IMAGE) add(light.texture, light.diffuse);
+    if (light.is_image()) add(light.texture, light.diffuse);
   }
   int n = 0;
   for (const Source& s : sources) n = std::max(n, s.texture->level[s.level].width);

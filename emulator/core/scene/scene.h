@@ -7,7 +7,6 @@
 namespace evs {
 
 enum Shape { PLANE = 0, HFIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH };
-enum LightKind { SPOT = 0, DIRECTIONAL, POINT, IMAGE };
 
 struct V3 {
   float x, y, z;
@@ -111,25 +110,7 @@ struct alignas(64) Geom {
   int rank;  // its place in the scene: of surfaces that coincide, the last is seen
 };
 
-struct Light {
-  int kind;
-  bool castshadow;
-  V3 position, direction;  // camera frame; direction: unit, away from the light
-  float ambient[MAX_CHANNELS], diffuse[MAX_CHANNELS], specular[MAX_CHANNELS];
-  float attenuation[3];
-  float cos_cutoff, exponent;
-  float radius;         // of the bulb, m; `direct` uses points
-  bool inverse_square;  // physical intensity: 1 / r^2 instead of attenuation
-  float fade;           // 1 / range^2: physical light ends at its range; 0: nowhere
-  float edge;           // 1 / (cosine of the full cone - cos_cutoff), physical spots; 0: exponent
-  int texture;          // of an image light
-  // which of the first 32 geoms are planes with the light on their front, one bit each: they never
-  // occlude it
-  uint32_t non_occluders;
-  // irradiance of an image light over pi, by the normal in the world's frame: coefficients of 1, y,
-  // z, x, xy, yz, 3z^2 - 1, xz, x^2 - y^2
-  float harmonics[MAX_CHANNELS][9];
-};
+struct Light;  // light.h
 
 // Where lights can reach: in a cone, up to a range. Structure of arrays, 31 longer than the lights.
 struct LightReachArray {

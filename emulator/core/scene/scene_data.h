@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "bvh.h"
-#include "scene.h"
+#include "light.h"
 
 namespace evs {
 
@@ -35,8 +35,7 @@ struct SceneData {
     int metallic_map = -1, roughness_map = -1, occlusion_map = -1, opacity_map = -1;
     int normal_map = -1, emissive_map = -1;
   };
-  struct LightData {
-    int kind;
+  struct LightData : LightType {
     float ambient[3], diffuse[3], specular[3];
     bool castshadow;
     float attenuation[3];

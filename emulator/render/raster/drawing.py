@@ -15,7 +15,6 @@ from evs.emulator.base.scene import (
     CameraModel,
     CameraPose,
     Light,
-    LightKind,
     SceneModel,
     SceneSnapshot,
     Shape,
@@ -158,7 +157,7 @@ class LightUniforms:
         used = [
             i
             for i, x in enumerate(scene.lights)
-            if (headlight or not x.headlight) and x.kind is not LightKind.IMAGE
+            if (headlight or not x.headlight) and not x.is_image
         ]
         self._flicker = Flicker(scene.lights, config.flicker)
         self._at_camera = np.array([[scene.lights[i].headlight] for i in used], bool)
@@ -192,19 +191,33 @@ def light_uniforms(lights: list[Light], lux_per_unit: float) -> Uniforms:
     # directional: lux; else candela, which falls off with the square of the distance
     scale = np.array([[x.intensity / lux_per_unit if x.intensity > 0 else 1.0] for x in lights])
     physical = np.array([[x.intensity > 0] for x in lights])
+    cone = np.array([x.has_cone for x in lights])
     cutoff = np.cos(np.deg2rad([x.cutoff_deg for x in lights]))
-    square = [x.intensity > 0 and x.kind is not LightKind.DIRECTIONAL for x in lights]
+    square = np.array([x.intensity > 0 and x.is_local for x in lights])
     inner = np.cos(np.deg2rad([(1.0 - x.softness) * x.cutoff_deg for x in lights]))
     edge = 1.0 / np.maximum(inner - cutoff, 1.0 / 1024)
     fade = [x.range_m**-2 if x.range_m > 0 else 0.0 for x in lights]
     return {
         "light_count": len(lights),
-        "light_kind": np.array([int(x.kind) for x in lights]),
         "light_ambient": np.where(physical, 0.0, np.array([x.ambient for x in lights])),
         "light_diffuse": scale * np.array([x.diffuse for x in lights]),
         "light_specular": scale * np.array([x.specular for x in lights]),
         "light_attenuation": np.array([x.attenuation for x in lights], np.float64),
-        "light_cone": np.stack([cutoff, [x.exponent for x in lights], square], 1),
-        # vectors have three numbers here
-        "light_end": np.stack([fade, edge, 0 * edge], 1) * np.array(square)[:, np.newaxis],
+        # vectors have three numbers here; no cosine is below -2
+        "light_cone": np.stack(
+            [
+                np.where(cone, cutoff, -2.0),
+                np.where(cone, [x.exponent for x in lights], 0.0),
+                square,
+            ],
+            1,
+        ),
+        "light_end": np.stack(
+            [
+                np.where(square, fade, 0.0),
+                np.where(square & cone, edge, 0.0),
+                [x.is_delta_direction for x in lights],
+            ],
+            1,
+        ),
     }

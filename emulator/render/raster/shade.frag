@@ -7,7 +7,6 @@ centroid in vec3 world_normal;
 centroid in vec3 texture_coordinate;
 out vec4 result;
 
-const int SPOT = 0, DIRECTIONAL = 1;
 const int FLAT = 0, CUBE = 1;
 
 uniform bool find_hits;     // geom and distance instead of light
@@ -23,7 +22,6 @@ uniform samplerCube cube_texture;
 uniform float alpha, emission, specular, exponent;
 
 uniform int light_count;
-uniform int light_kind[LIGHTS];
 uniform vec3 light_position[LIGHTS];
 uniform vec3 light_direction[LIGHTS];
 uniform vec3 light_diffuse[LIGHTS];
@@ -31,7 +29,7 @@ uniform vec3 light_specular[LIGHTS];
 uniform vec3 light_ambient[LIGHTS];
 uniform vec3 light_attenuation[LIGHTS];
 uniform vec3 light_cone[LIGHTS];  // cosine of the cutoff, exponent, 1 for inverse square
-uniform vec3 light_end[LIGHTS];   // physical lights: 1 / range^2, 1 / width of the cone's edge, 0; or 0
+uniform vec3 light_end[LIGHTS];   // of physical lights 1 / range^2 and 1 / width of the cone's edge, else 0; 1: all rays are parallel
 
 const vec3 LUMINANCE = vec3(0.2126, 0.7152, 0.0722);  // BT.709
 
@@ -54,7 +52,7 @@ vec3 texel() {
 }
 
 float strength_of(int i, vec3 to_light, vec3 towards) {
-  if (light_kind[i] == DIRECTIONAL) return 1.0;
+  if (light_end[i].z > 0.0) return 1.0;
   float square = max(dot(to_light, to_light), 1e-12);
   vec3 a = light_attenuation[i];
   float fall = light_cone[i].z > 0.0 ? square : a.x + a.y * sqrt(square) + a.z * square;
@@ -63,7 +61,6 @@ float strength_of(int i, vec3 to_light, vec3 towards) {
     float share = square * light_end[i].x, left = max(1.0 - share * share, 0.0);
     strength *= left * left;
   }
-  if (light_kind[i] != SPOT) return strength;
   float cosine = -dot(towards, light_direction[i]);
   if (cosine < light_cone[i].x) return 0.0;
   if (light_end[i].y > 0.0) {
@@ -93,7 +90,7 @@ void main() {
   vec3 light = colour * emission;
   for (int i = 0; i < light_count; i++) {
     vec3 to_light = light_position[i] - world_position;
-    vec3 towards = light_kind[i] == DIRECTIONAL ? -light_direction[i]
+    vec3 towards = light_end[i].z > 0.0 ? -light_direction[i]
                                                 : to_light / sqrt(max(dot(to_light, to_light), 1e-12));
     float strength = strength_of(i, to_light, towards);
     float cosine = dot(towards, normal);

@@ -1,8 +1,8 @@
 // Culling: skip shadow rays and mirror rays that can hit nothing, and lights that are out of range.
 #pragma once
 
-#include "geometry/light_reach.h"
 #include "geometry/ray_cone.inl"
+#include "light.h"
 #include "scene.h"
 
 namespace evs::EVS_NAMESPACE {
@@ -42,7 +42,7 @@ EVS_INLINE Mask outside_of_light(Vec position, Vec direction, Float cosine, Floa
 
 // Find the spheres that the light may reach.
 EVS_INLINE Mask light_reaches(const Light& light, const BoundingSpherePacket& spheres) {
-  LightReach reach = reach_of(light);
+  LightReach reach = light.reach();
   if (!reach.bounded()) return mask_from_bits(ALL_LANES);
   return ~outside_of_light(splat(light.position), splat(light.direction), splat(reach.cosine),
                            splat(reach.sine), splat(reach.fade), spheres.center, spheres.radius);

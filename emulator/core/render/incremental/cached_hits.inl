@@ -97,7 +97,7 @@ inline unsigned lit_packets(const Frame& f, const PathCacheView& cache, long fir
   BoundingSpherePacket spheres = {{load(parts[0]), load(parts[1]), load(parts[2])}, load(parts[3])};
   Mask found = mask_from_bits(0);
   for (int i = 0; i < f.light_count; i++) {
-    bool steady = f.lights[i].kind == IMAGE || (i < 32 && cache.steady >> i & 1);
+    bool steady = f.lights[i].is_image() || (i < 32 && cache.steady >> i & 1);
     if (!steady) found = found | light_reaches(f.lights[i], spheres);
   }
   return to_bits(found);

@@ -79,7 +79,7 @@ inline Mask touched_by_motion(const RayConePacket& cones, const SceneChange& cha
 // The shadow cones of 16 packets; see `shadow_cone`.
 EVS_INLINE RayConePacket shadow_cones(const Light& light, const BoundingSpherePacket& from) {
   RayConePacket cone = {from.center, {}, from.radius, splat(T_INFINITY), splat(1.0f), splat(0.0f)};
-  if (light.kind == DIRECTIONAL) {
+  if (light.is_delta_direction()) {
     cone.axis = splat(scaled(light.direction, -1.0f));
   } else {
     Vec w = splat(light.position) - from.center;
@@ -127,7 +127,7 @@ inline Mask lighting_changed(const Frame& f, const BoundingSpherePacket& places,
     if (!light.castshadow || !f.shadows) continue;
     Mask reached = lit & ~found & light_reaches(light, places);
     if (!any(reached)) continue;
-    if (change.soft && is_bulb(light)) {
+    if (change.soft && light.is_bulb()) {
       RayConePacket cones = soft_shadow_cones(light.position, light.radius, places);
       found = found | touched_by_motion(cones, *change.soft, reached);
     } else {

@@ -5,8 +5,8 @@
 #include <cstddef>
 #include <vector>
 
+#include "light.h"
 #include "optics.h"
-#include "scene.h"
 #include "thread_pool.h"
 
 namespace evs {

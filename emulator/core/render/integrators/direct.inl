@@ -66,7 +66,7 @@ void add_lights(const Frame& f, const Rays& rays, const Hit& hit,
   Mask physical = f.lobes ? interaction.physical & lit : mask_from_bits(0);
   auto add_light = [&](int i) {
     const Light& light = f.lights[i];
-    if (light.kind == IMAGE) return add_image_light(f, light, rays, interaction, rho, out);
+    if (light.is_image()) return add_image_light(f, light, rays, interaction, rho, out);
     // find the lanes that face the light
     Incidence in = incidence(light, interaction.point);
     Float cosine = dot(in.wi, interaction.normal);

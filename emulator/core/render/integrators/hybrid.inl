@@ -430,7 +430,7 @@ struct HybridShading {
   void light_by_lamps(const Surfaces<CHANNELS>& at) const {
     for (int c = 0; c < CHANNELS; c++) at.out[c] = at.interaction.emitted[c];
     visit_lights(at.f, 0, at.f.light_count, at.interaction, at.bounds, at.lit, [&](int i) {
-      if (at.f.lights[i].kind != IMAGE) add_light(at, at.f.lights[i]);
+      if (!at.f.lights[i].is_image()) add_light(at, at.f.lights[i]);
     });
     for (int e = 0; e < p.emitter_count; e++) add_emitter(at, e);
   }
@@ -441,14 +441,14 @@ struct HybridShading {
     const SurfaceInteraction<CHANNELS>& interaction = at.interaction;
     Incidence in = incidence(light, interaction.point);
     // the ambient light of directional lights is a sky
-    if (light.kind != DIRECTIONAL) {
+    if (!light.is_delta_direction()) {
       Float share = select(at.lit, in.strength, splat(0.0f));
       for (int c = 0; c < CHANNELS; c++)
         at.out[c] = at.out[c] + (at.s.diffuse[c] + at.s.specular[c]) * share * light.ambient[c];
     }
     Mask facing = at.facing(in.wi) & (in.strength > 0.0f);
     Float strength = in.strength;
-    bool casts = light.castshadow && f.shadows, bulb = is_bulb(light);
+    bool casts = light.castshadow && f.shadows, bulb = light.is_bulb();
     if (bulb) {
       facing = facing & (in.distance > light.radius);
       float inverse = 1.0f / (light.radius * light.radius);

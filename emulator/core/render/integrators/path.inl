@@ -129,7 +129,7 @@ inline void add_lamp(const Frame& f, const PathFrame& p, const Bsdf& s, Vec d,
                      const Light& light, Point2 u_point, Float weight, Clearance* clearance,
                      Float* out) {
   Incidence in = incidence(light, interaction.point);
-  if (light.kind != DIRECTIONAL && light.ambient[0] + light.ambient[1] + light.ambient[2] > 0) {
+  if (!light.is_delta_direction() && light.ambient[0] + light.ambient[1] + light.ambient[2] > 0) {
     // ambient light fades with its light and has no shadow; that of directional lights belongs to
     // the environment
     Float share = select(lit, in.strength * weight, splat(0.0f));
@@ -137,7 +137,7 @@ inline void add_lamp(const Frame& f, const PathFrame& p, const Bsdf& s, Vec d,
       out[c] = out[c] + (s.diffuse[c] + s.specular[c]) * share * light.ambient[c];
     }
   }
-  if (is_bulb(light)) {
+  if (light.is_bulb()) {
     // sample a direction to a bulb, which gives as much light as an emissive sphere
     Mask outside = in.distance > light.radius;
     BulbSample sample =
@@ -312,9 +312,9 @@ inline bool direct_lighting(const Frame& f, const PathFrame& p, int bounce, cons
   if (bounce == 0) {
     LazyBounds bounds;
     visit_lights(f, 0, f.light_count, interaction, bounds, lit, [&](int i) {
-      if (f.lights[i].kind == IMAGE) return;
+      if (f.lights[i].is_image()) return;
       Point2 u_point = {zero, zero};
-      if (is_bulb(f.lights[i])) u_point = sample_2d(sampler, first_dimension + DIM_LAMP + 1 + i);
+      if (f.lights[i].is_bulb()) u_point = sample_2d(sampler, first_dimension + DIM_LAMP + 1 + i);
       add_lamp(f, p, s, rays.direction, interaction, hit.geom, lit, f.lights[i], u_point, one,
                lamp_clearance, received);
     });
@@ -324,7 +324,7 @@ inline bool direct_lighting(const Frame& f, const PathFrame& p, int bounce, cons
     Int chosen = truncate(u_lamp);
     Mask left = lit;
     for (int i = 0, lamp = 0; i < f.light_count && any(left); i++) {
-      if (f.lights[i].kind == IMAGE) continue;
+      if (f.lights[i].is_image()) continue;
       Mask here = left & (chosen == splat(lamp++));
       if (!any(here)) continue;
       left = left & ~here;

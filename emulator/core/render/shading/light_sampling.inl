@@ -3,6 +3,7 @@
 // importance sampling.
 #pragma once
 
+#include "light.h"
 #include "path_scene.h"
 #include "shading/bsdf.inl"
 #include "shading/surface_interaction.inl"
@@ -86,7 +87,7 @@ inline void environment_radiance(const Frame& f, const PathFrame& p, const Envir
   constexpr float WHITE[3] = {1, 1, 1};
   if (f.sky_shines) add(f.skybox, WHITE);
   for (int i = 0; i < f.light_count; i++) {
-    if (f.lights[i].kind == IMAGE) add(f.lights[i].texture, f.lights[i].diffuse);
+    if (f.lights[i].is_image()) add(f.lights[i].texture, f.lights[i].diffuse);
   }
 }
 

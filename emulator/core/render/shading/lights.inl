@@ -3,7 +3,7 @@
 #pragma once
 
 #include "geometry/ray_cone.inl"
-#include "scene.h"
+#include "light.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {
@@ -14,14 +14,9 @@ struct Incidence {
   Float strength;  // attenuation times cone, without shadows
 };
 
-// Does it have a size? `direct` takes it for a point all the same.
-EVS_INLINE bool is_bulb(const Light& light) {
-  return light.radius > 0 && light.kind != DIRECTIONAL;
-}
-
 EVS_INLINE Incidence incidence(const Light& light, Vec point) {
   Incidence in;
-  if (light.kind == DIRECTIONAL) {
+  if (light.is_delta_direction()) {
     in.wi = splat(scaled(light.direction, -1.0f));
     in.distance = splat(T_INFINITY);
     in.strength = splat(1.0f);
@@ -47,7 +42,7 @@ EVS_INLINE Incidence incidence(const Light& light, Vec point) {
     in.strength = in.strength * (left * left);
   }
   // limit a spot light to its cone
-  if (light.kind == SPOT) {
+  if (light.has_cone()) {
     Float cosine =
         -(in.wi.x * light.direction.x + in.wi.y * light.direction.y + in.wi.z * light.direction.z);
     Mask inside = cosine >= light.cos_cutoff;
@@ -69,7 +64,7 @@ EVS_INLINE Incidence incidence(const Light& light, Vec point) {
 EVS_INLINE RayCone shadow_cone(const Light& light, const BoundingBox& box) {
   RayCone cone = bounding_sphere(box);
   cone.radius += box.step;
-  if (light.kind == DIRECTIONAL) {
+  if (light.is_delta_direction()) {
     cone.axis = scaled(light.direction, -1.0f);
     cone.length = T_INFINITY;
   } else {
