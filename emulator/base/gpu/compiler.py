@@ -20,7 +20,7 @@ CORE = Path(__file__).resolve().parents[2] / "core"
 LANGUAGE = CORE / "base/gpu"
 """what NVRTC lacks of g++'s language and library"""
 ROOMS = ("base", "scene", "render", "sensor", "evsnet")
-"""folders of CORE whose headers kernels include; its kernels are in `gpu` of these"""
+"""folders of CORE whose headers kernels include, each by its path from CORE"""
 
 SCAN_THREADS = 1024
 """of a block of a kernel that scans, as kScanThreads of core/base/scan.h"""
@@ -34,7 +34,6 @@ def compile_kernel(
     target: str,
     defined: Mapping[str, int] | None = None,
     options: Sequence[str] = SAME_BYTES,
-    folders: Sequence[Path] = (),
 ) -> bytes:
     """Compile a file.
 
@@ -43,21 +42,19 @@ def compile_kernel(
         target: "sm_90" gives machine code for that architecture, "compute_90" PTX.
         defined: Macros.
         options: What NVRTC is asked for besides.
-        folders: Where headers are, beside those of CORE.
 
     Raises:
         EvsError: It does not compile, or NVRTC is missing.
     """
     nvrtc = compiler()
-    kernels = (CORE / room / "gpu" for room in ROOMS)
-    include = (LANGUAGE / "std", *kernels, *(CORE / room for room in ROOMS), *folders)
     arguments = [
         "--std=c++20",
         "--device-as-default-execution-space",
         # pragmas and attributes of g++; tables of kernels that are only declared
         "--diag-suppress=161,1097,20044",
         f"--gpu-architecture={target}",
-        *(f"--include-path={folder}" for folder in include),
+        f"--include-path={LANGUAGE / 'std'}",
+        f"--include-path={CORE}",
         *(f"--define-macro={name}={value}" for name, value in (defined or {}).items()),
         *options,
     ]

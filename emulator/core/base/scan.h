@@ -5,7 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "reproducible_math.h"
+#include "base/reproducible_math.h"
 
 namespace evs {
 

@@ -11,9 +11,9 @@
 // min(a, b) is a < b ? a : b and max(a, b) is a > b ? a : b: with a NaN the second argument wins.
 #pragma once
 
-#include "simd_target.h"
+#include "base/simd_target.h"
 #if EVS_VECTOR_BITS == 32
-#include "simd_one_lane.inl"
+#include "base/simd_one_lane.inl"
 #endif
 
 namespace evs::EVS_NAMESPACE {

@@ -1,7 +1,7 @@
 // Elementary functions on lanes, accurate to about 1e-6, with the same bytes in every build.
 #pragma once
 
-#include "simd.inl"
+#include "base/simd.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -6,7 +6,7 @@
 // 0x80000000.
 #pragma once
 
-#include "simd_target.h"
+#include "base/simd_target.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -6,7 +6,7 @@
 
 #include <string>
 
-#include "caster.h"
+#include "render/caster.h"
 
 namespace nb = nanobind;
 

@@ -3,12 +3,12 @@
 
 #include <cstring>
 
-#include "bound_caster.h"
-#include "bound_pixels.h"
-#include "device_block.h"
-#include "device_frame.h"
-#include "device_pixels.h"
-#include "pixel_array.h"
+#include "base/device_block.h"
+#include "bindings/bound_caster.h"
+#include "bindings/bound_pixels.h"
+#include "render/device_frame.h"
+#include "sensor/device_pixels.h"
+#include "sensor/pixel_array.h"
 
 namespace evs {
 

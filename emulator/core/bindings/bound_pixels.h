@@ -12,10 +12,10 @@
 #include <stdexcept>
 #include <string>
 
-#include "events.h"
-#include "gil.h"
-#include "owned_array.h"
-#include "pixel.h"
+#include "bindings/gil.h"
+#include "bindings/owned_array.h"
+#include "sensor/events.h"
+#include "sensor/pixel.h"
 
 namespace nb = nanobind;
 

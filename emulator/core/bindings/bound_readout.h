@@ -9,10 +9,10 @@
 #include <optional>
 #include <vector>
 
-#include "bound_pixels.h"
-#include "gil.h"
-#include "owned_array.h"
-#include "readout.h"
+#include "bindings/bound_pixels.h"
+#include "bindings/gil.h"
+#include "bindings/owned_array.h"
+#include "sensor/readout.h"
 
 namespace nb = nanobind;
 

@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "bound_device.h"
-#include "bound_readout.h"
+#include "bindings/bound_device.h"
+#include "bindings/bound_readout.h"
 
 namespace evs {
 namespace {

@@ -16,9 +16,9 @@
 #include <optional>
 #include <tuple>
 
-#include "bound_caster.h"
-#include "gil.h"
-#include "seed_cycle.h"
+#include "bindings/bound_caster.h"
+#include "bindings/gil.h"
+#include "render/seed_cycle.h"
 
 namespace nb = nanobind;
 

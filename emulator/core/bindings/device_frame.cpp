@@ -1,6 +1,6 @@
 // The Python binding of the frames that a GPU renders.
 
-#include "device_frame.h"
+#include "render/device_frame.h"
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
@@ -12,8 +12,8 @@
 #include <tuple>
 #include <vector>
 
-#include "bound_device.h"
-#include "irradiance/first_readers.h"
+#include "bindings/bound_device.h"
+#include "render/irradiance/first_readers.h"
 
 namespace nb = nanobind;
 

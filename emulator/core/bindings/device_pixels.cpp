@@ -1,6 +1,6 @@
 // The Python binding of event pixels on a GPU.
 
-#include "device_pixels.h"
+#include "sensor/device_pixels.h"
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
@@ -8,7 +8,7 @@
 #include <cstring>
 #include <vector>
 
-#include "bound_device.h"
+#include "bindings/bound_device.h"
 
 namespace nb = nanobind;
 

@@ -4,9 +4,9 @@
 
 #include <vector>
 
-#include "event_arrays.h"
-#include "gil.h"
-#include "thread_pool.h"
+#include "base/thread_pool.h"
+#include "bindings/gil.h"
+#include "sensor/event_arrays.h"
 
 namespace nb = nanobind;
 

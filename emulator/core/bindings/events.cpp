@@ -1,7 +1,7 @@
 // Python binding of the check of the events of a packet, for drivers/bus/sockets.py.
 #include <nanobind/nanobind.h>
 
-#include "events.h"
+#include "sensor/events.h"
 
 namespace nb = nanobind;
 

@@ -12,9 +12,9 @@
 #include <optional>
 #include <vector>
 
-#include "device_constants.h"
-#include "gil.h"
-#include "network_array.h"
+#include "bindings/gil.h"
+#include "evsnet/device_constants.h"
+#include "evsnet/network_array.h"
 
 namespace nb = nanobind;
 

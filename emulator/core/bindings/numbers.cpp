@@ -7,7 +7,7 @@
 #include <limits>
 #include <stdexcept>
 
-#include "gil.h"
+#include "bindings/gil.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;

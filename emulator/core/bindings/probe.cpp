@@ -7,8 +7,8 @@
 #include <array>
 #include <string>
 
-#include "bound_caster.h"
-#include "simd/probe_lanes.h"
+#include "bindings/bound_caster.h"
+#include "render/simd/probe_lanes.h"
 
 namespace evs {
 namespace {

@@ -6,7 +6,7 @@
 
 #include <optional>
 
-#include "bound_readout.h"
+#include "bindings/bound_readout.h"
 
 namespace nb = nanobind;
 

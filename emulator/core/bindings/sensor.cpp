@@ -4,8 +4,8 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 
-#include "bound_pixels.h"
-#include "pixel_array.h"
+#include "bindings/bound_pixels.h"
+#include "sensor/pixel_array.h"
 
 namespace nb = nanobind;
 

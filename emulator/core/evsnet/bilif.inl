@@ -1,9 +1,9 @@
 // The membranes of the 16 pixels of a tile through a chunk.
 #pragma once
 
-#include "bilif_lanes.inl"
-#include "network_kernel.h"
-#include "tile.inl"
+#include "evsnet/bilif_lanes.inl"
+#include "evsnet/network_kernel.h"
+#include "evsnet/tile.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -12,8 +12,8 @@
 // as 0 and as clamped, as V it becomes -64.
 #pragma once
 
-#include "network_kernel.h"
-#include "simd.inl"
+#include "base/simd.inl"
+#include "evsnet/network_kernel.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

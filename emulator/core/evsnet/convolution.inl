@@ -5,8 +5,8 @@
 // output does not depend on what is computed beside it.
 #pragma once
 
-#include "network_kernel.h"
-#include "wide.inl"
+#include "evsnet/network_kernel.h"
+#include "evsnet/wide.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,10 +1,10 @@
-#include "device_constants.h"
+#include "evsnet/device_constants.h"
 
 #include <algorithm>
 #include <cstring>
 #include <stdexcept>
 
-#include "device_pixel.h"
+#include "evsnet/device_pixel.h"
 
 namespace evs {
 

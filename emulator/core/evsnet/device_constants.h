@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "device_block.h"
-#include "device_network.h"
-#include "network_array.h"
+#include "base/device_block.h"
+#include "evsnet/device_network.h"
+#include "evsnet/network_array.h"
 
 namespace evs {
 

@@ -8,8 +8,8 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "comparator.h"
-#include "network_kernel.h"
+#include "evsnet/network_kernel.h"
+#include "sensor/comparator.h"
 
 namespace evs {
 

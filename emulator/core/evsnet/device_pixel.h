@@ -12,12 +12,12 @@
 #define EVS_UNROLL(count)
 #endif
 
-#include "bilif_lanes.inl"
-#include "device_network.h"
-#include "log_delta_lanes.inl"
-#include "scan.h"
-#include "spike_time.h"
-#include "wide.inl"
+#include "base/scan.h"
+#include "evsnet/bilif_lanes.inl"
+#include "evsnet/device_network.h"
+#include "evsnet/log_delta_lanes.inl"
+#include "evsnet/spike_time.h"
+#include "evsnet/wide.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -13,7 +13,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "network_kernel.h"
+#include "evsnet/network_kernel.h"
 
 namespace evs {
 

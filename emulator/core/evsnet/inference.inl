@@ -5,8 +5,8 @@
 // ahead is the same sum, given later.
 #pragma once
 
-#include "convolution.inl"
-#include "network_kernel.h"
+#include "evsnet/convolution.inl"
+#include "evsnet/network_kernel.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -3,4 +3,4 @@
 #define EVS_NAMESPACE network_avx2
 #define EVS_KERNEL NETWORK_AVX2
 #define EVS_INTRINSIC(op) _mm256_##op
-#include "kernel.inl"
+#include "evsnet/network_kernel.inl"

@@ -3,4 +3,4 @@
 #define EVS_NAMESPACE network_neon
 #define EVS_KERNEL NETWORK_NEON
 #define EVS_NEON 1
-#include "kernel.inl"
+#include "evsnet/network_kernel.inl"

@@ -2,4 +2,4 @@
 #define EVS_VECTOR_BITS 32
 #define EVS_NAMESPACE network_one_lane
 #define EVS_KERNEL NETWORK_ONE_LANE
-#include "kernel.inl"
+#include "evsnet/network_kernel.inl"

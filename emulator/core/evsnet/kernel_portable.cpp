@@ -4,4 +4,4 @@
 #define EVS_NAMESPACE network_portable
 #define EVS_KERNEL NETWORK_PORTABLE
 #define EVS_INTRINSIC(op) _mm_##op
-#include "kernel.inl"
+#include "evsnet/network_kernel.inl"

@@ -1,9 +1,9 @@
 // Luminance to the log intensity difference X, tile by tile.
 #pragma once
 
-#include "log_delta_lanes.inl"
-#include "network_kernel.h"
-#include "tile.inl"
+#include "evsnet/log_delta_lanes.inl"
+#include "evsnet/network_kernel.h"
+#include "evsnet/tile.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

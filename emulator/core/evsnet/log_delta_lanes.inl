@@ -2,8 +2,8 @@
 // (the paper's equation 1). Luminance is mapped as by `log_intensity` in sensor/pixel_front_end.h.
 #pragma once
 
-#include "network_kernel.h"
-#include "simd.inl"
+#include "base/simd.inl"
+#include "evsnet/network_kernel.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

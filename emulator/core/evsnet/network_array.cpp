@@ -1,11 +1,11 @@
-#include "network_array.h"
+#include "evsnet/network_array.h"
 
 #include <bit>
 #include <cmath>
 #include <new>
 
-#include "isa.h"
-#include "spike_time.h"
+#include "base/isa.h"
+#include "evsnet/spike_time.h"
 
 namespace evs {
 

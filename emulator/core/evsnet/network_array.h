@@ -8,10 +8,10 @@
 #include <string>
 #include <vector>
 
-#include "events.h"
-#include "fifo_rows.h"
-#include "network_kernel.h"
-#include "thread_pool.h"
+#include "base/thread_pool.h"
+#include "evsnet/fifo_rows.h"
+#include "evsnet/network_kernel.h"
+#include "sensor/events.h"
 
 namespace evs {
 

@@ -11,7 +11,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "log_map.h"
+#include "sensor/log_map.h"
 
 namespace evs {
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstdint>
 
-#include "comparator.h"
+#include "sensor/comparator.h"
 
 namespace evs {
 

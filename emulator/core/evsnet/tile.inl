@@ -1,8 +1,8 @@
 // Load and store the 16 pixels of a tile.
 #pragma once
 
-#include "network_kernel.h"
-#include "simd.inl"
+#include "base/simd.inl"
+#include "evsnet/network_kernel.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

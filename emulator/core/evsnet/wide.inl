@@ -1,8 +1,8 @@
 // One register of floats, which the convolutions sum in: fma and ReLU.
 #pragma once
 
-#include "network_kernel.h"
-#include "simd.inl"
+#include "base/simd.inl"
+#include "evsnet/network_kernel.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,11 +1,11 @@
-#include "caster.h"
+#include "render/caster.h"
 
 #include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <cstring>
 
-#include "light.h"
+#include "scene/light.h"
 
 namespace evs {
 namespace {

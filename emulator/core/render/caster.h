@@ -7,19 +7,19 @@
 #include <string>
 #include <vector>
 
-#include "appearance.h"
-#include "emitters.h"
-#include "feature_flags.h"
-#include "geometry/geom_bvh.h"
-#include "incremental/packet_cache.h"
-#include "incremental/path_cache.h"
-#include "integrators/antialiasing.h"
-#include "integrators/edge_sampling.h"
-#include "irradiance/irradiance_cache.h"
-#include "optics.h"
-#include "scene.h"
-#include "scene_data.h"
-#include "thread_pool.h"
+#include "base/thread_pool.h"
+#include "render/feature_flags.h"
+#include "render/geometry/geom_bvh.h"
+#include "render/incremental/packet_cache.h"
+#include "render/incremental/path_cache.h"
+#include "render/integrators/antialiasing.h"
+#include "render/integrators/edge_sampling.h"
+#include "render/irradiance/irradiance_cache.h"
+#include "scene/appearance.h"
+#include "scene/emitters.h"
+#include "scene/optics.h"
+#include "scene/scene.h"
+#include "scene/scene_data.h"
 
 namespace evs {
 

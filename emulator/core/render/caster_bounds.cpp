@@ -3,9 +3,9 @@
 #include <cmath>
 #include <cstring>
 
-#include "caster.h"
-#include "light.h"
-#include "reproducible_math.h"
+#include "base/reproducible_math.h"
+#include "render/caster.h"
+#include "scene/light.h"
 
 namespace evs {
 namespace {

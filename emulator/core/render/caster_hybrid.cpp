@@ -4,7 +4,7 @@
 #include <atomic>
 #include <cmath>
 
-#include "caster.h"
+#include "render/caster.h"
 
 namespace evs {
 namespace {

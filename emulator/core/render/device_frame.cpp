@@ -1,10 +1,10 @@
-#include "device_frame.h"
+#include "render/device_frame.h"
 
 #include <algorithm>
 #include <memory>
 #include <vector>
 
-#include "integrators/blend.h"
+#include "render/integrators/blend.h"
 
 namespace evs {
 

@@ -6,9 +6,9 @@
 #include <cstdint>
 #include <vector>
 
-#include "caster.h"
-#include "device_block.h"
-#include "irradiance.h"
+#include "base/device_block.h"
+#include "render/caster.h"
+#include "scene/irradiance.h"
 
 namespace evs {
 

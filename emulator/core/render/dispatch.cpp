@@ -2,8 +2,8 @@
 
 #include <stdexcept>
 
-#include "caster.h"
-#include "isa.h"
+#include "base/isa.h"
+#include "render/caster.h"
 
 namespace evs {
 

@@ -1,9 +1,9 @@
-#include "feature_flags.h"
+#include "render/feature_flags.h"
 
 #include <algorithm>
 #include <limits>
 
-#include "caster.h"
+#include "render/caster.h"
 
 namespace evs {
 

@@ -1,4 +1,4 @@
-#include "seed_cycle.h"
+#include "render/seed_cycle.h"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "appearance.h"
+#include "scene/appearance.h"
 
 #include <algorithm>
 #include <cmath>

@@ -5,9 +5,9 @@
 #include <memory>
 #include <vector>
 
-#include "mipmap.h"
-#include "scene.h"
-#include "scene_data.h"
+#include "scene/mipmap.h"
+#include "scene/scene.h"
+#include "scene/scene_data.h"
 
 namespace evs {
 

@@ -1,4 +1,4 @@
-#include "bvh.h"
+#include "scene/bvh.h"
 
 #include <algorithm>
 #include <cmath>

@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "scene.h"
+#include "scene/scene.h"
 
 namespace evs {
 

@@ -1,4 +1,4 @@
-#include "emitters.h"
+#include "scene/emitters.h"
 
 #include <algorithm>
 #include <cmath>

@@ -4,9 +4,9 @@
 
 #include <vector>
 
-#include "appearance.h"
-#include "path_scene.h"
-#include "scene_data.h"
+#include "scene/appearance.h"
+#include "scene/path_scene.h"
+#include "scene/scene_data.h"
 
 namespace evs {
 

@@ -1,8 +1,8 @@
 // Lights, and all that depends on their kind: no other native file asks for it.
 #pragma once
 
-#include "scene.h"
-#include "simd_target.h"
+#include "base/simd_target.h"
+#include "scene/scene.h"
 
 namespace evs {
 

@@ -1,4 +1,4 @@
-#include "mipmap.h"
+#include "scene/mipmap.h"
 
 #include <algorithm>
 #include <cmath>

@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "large_pages.h"
-#include "scene.h"
+#include "base/large_pages.h"
+#include "scene/scene.h"
 
 namespace evs {
 

@@ -1,4 +1,4 @@
-#include "optics.h"
+#include "scene/optics.h"
 
 #include <algorithm>
 #include <cmath>

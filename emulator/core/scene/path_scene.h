@@ -2,7 +2,7 @@
 // cache. Plain structures, as in scene.h.
 #pragma once
 
-#include "scene.h"
+#include "scene/scene.h"
 
 namespace evs {
 

@@ -1,4 +1,4 @@
-#include "scene_data.h"
+#include "scene/scene_data.h"
 
 #include <cmath>
 #include <stdexcept>

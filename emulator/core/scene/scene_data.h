@@ -5,8 +5,8 @@
 #include <memory>
 #include <vector>
 
-#include "bvh.h"
-#include "light.h"
+#include "scene/bvh.h"
+#include "scene/light.h"
 
 namespace evs {
 

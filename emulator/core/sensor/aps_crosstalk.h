@@ -11,7 +11,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "shot_noise.h"
+#include "sensor/shot_noise.h"
 
 namespace evs {
 

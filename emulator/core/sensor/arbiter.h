@@ -18,10 +18,10 @@
 #include <limits>
 #include <vector>
 
-#include "pixel_latches.h"
-#include "random.h"
-#include "readout_state.h"
-#include "row_access_times.h"
+#include "sensor/pixel_latches.h"
+#include "sensor/random.h"
+#include "sensor/readout_state.h"
+#include "sensor/row_access_times.h"
 
 namespace evs {
 

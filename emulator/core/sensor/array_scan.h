@@ -11,8 +11,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "pixel_latches.h"
-#include "readout_state.h"
+#include "sensor/pixel_latches.h"
+#include "sensor/readout_state.h"
 
 namespace evs {
 

@@ -27,10 +27,10 @@
 #include <limits>
 #include <vector>
 
-#include "aps_crosstalk.h"
-#include "reproducible_math.h"
-#include "response.h"
-#include "shot_noise.h"
+#include "base/reproducible_math.h"
+#include "sensor/aps_crosstalk.h"
+#include "sensor/response.h"
+#include "sensor/shot_noise.h"
 
 namespace evs {
 

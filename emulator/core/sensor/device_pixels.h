@@ -4,8 +4,8 @@
 
 #include <algorithm>
 
-#include "pixel_block.h"
-#include "scan.h"
+#include "base/scan.h"
+#include "sensor/pixel_block.h"
 
 namespace evs {
 

@@ -9,7 +9,7 @@
 #include <limits>
 #include <vector>
 
-#include "events.h"
+#include "sensor/events.h"
 
 namespace evs {
 

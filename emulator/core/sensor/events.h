@@ -9,7 +9,7 @@
 #include <memory>
 #include <vector>
 
-#include "comparator.h"
+#include "sensor/comparator.h"
 
 namespace evs {
 

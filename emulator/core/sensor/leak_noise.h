@@ -4,8 +4,8 @@
 
 #include <cstddef>
 
-#include "comparator.h"
-#include "pixel.h"
+#include "sensor/comparator.h"
+#include "sensor/pixel.h"
 
 namespace evs {
 

@@ -2,7 +2,7 @@
 // DN = exposure * luminance + dark, where 255 DN is white and nothing is clipped.
 #pragma once
 
-#include "reproducible_math.h"
+#include "base/reproducible_math.h"
 
 namespace evs {
 

@@ -10,7 +10,7 @@
 #include <bit>
 #include <cstdint>
 
-#include "reproducible_math.h"
+#include "base/reproducible_math.h"
 
 namespace evs {
 

@@ -9,8 +9,8 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "photon_noise.h"
-#include "pixel_front_end.h"
+#include "sensor/photon_noise.h"
+#include "sensor/pixel_front_end.h"
 
 namespace evs {
 

@@ -12,8 +12,8 @@
 #include <limits>
 #include <vector>
 
-#include "comparator.h"
-#include "photon_noise.h"
+#include "sensor/comparator.h"
+#include "sensor/photon_noise.h"
 
 namespace evs {
 

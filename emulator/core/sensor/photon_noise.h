@@ -18,8 +18,8 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "lowpass.h"
-#include "random.h"
+#include "sensor/lowpass.h"
+#include "sensor/random.h"
 
 namespace evs {
 

@@ -10,12 +10,12 @@
 #include <cstdint>
 #include <limits>
 
-#include "aps_crosstalk.h"
-#include "log_map.h"
-#include "lowpass.h"
-#include "photon_noise.h"
-#include "running_mean.h"
-#include "shot_noise.h"
+#include "sensor/aps_crosstalk.h"
+#include "sensor/log_map.h"
+#include "sensor/lowpass.h"
+#include "sensor/photon_noise.h"
+#include "sensor/running_mean.h"
+#include "sensor/shot_noise.h"
 
 // The terms that a sensor may have. A GPU's kernels are compiled without those that it has not.
 #ifndef EVS_PHOTON_NOISE

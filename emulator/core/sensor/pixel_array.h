@@ -9,10 +9,10 @@
 #include <string>
 #include <vector>
 
-#include "events.h"
-#include "isa.h"
-#include "pixel_block.h"
-#include "thread_pool.h"
+#include "base/isa.h"
+#include "base/thread_pool.h"
+#include "sensor/events.h"
+#include "sensor/pixel_block.h"
 
 namespace evs {
 

@@ -13,9 +13,9 @@
 #include <limits>
 #include <vector>
 
-#include "noise_budgets.h"
-#include "noisy_comparator.h"
-#include "pixel_front_end.h"
+#include "sensor/noise_budgets.h"
+#include "sensor/noisy_comparator.h"
+#include "sensor/pixel_front_end.h"
 
 namespace evs {
 

@@ -9,10 +9,10 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "comparator.h"
-#include "leak_noise.h"
-#include "pixel.h"
-#include "response.h"
+#include "sensor/comparator.h"
+#include "sensor/leak_noise.h"
+#include "sensor/pixel.h"
+#include "sensor/response.h"
 
 namespace evs {
 

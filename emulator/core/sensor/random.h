@@ -6,7 +6,7 @@
 #include <cmath>
 #include <cstdint>
 
-#include "reproducible_math.h"
+#include "base/reproducible_math.h"
 
 namespace evs {
 

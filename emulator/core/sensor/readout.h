@@ -15,14 +15,14 @@
 #include <utility>
 #include <vector>
 
-#include "arbiter.h"
-#include "array_scan.h"
-#include "events.h"
-#include "pixel_latches.h"
-#include "random.h"
-#include "readout_output.h"
-#include "readout_state.h"
-#include "request_phases.h"
+#include "sensor/arbiter.h"
+#include "sensor/array_scan.h"
+#include "sensor/events.h"
+#include "sensor/pixel_latches.h"
+#include "sensor/random.h"
+#include "sensor/readout_output.h"
+#include "sensor/readout_state.h"
+#include "sensor/request_phases.h"
 
 namespace evs {
 

@@ -6,7 +6,7 @@
 #include <limits>
 #include <vector>
 
-#include "readout_state.h"
+#include "sensor/readout_state.h"
 
 namespace evs {
 

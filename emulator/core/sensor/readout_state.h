@@ -5,7 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "events.h"
+#include "sensor/events.h"
 
 namespace evs {
 

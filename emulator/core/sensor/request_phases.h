@@ -6,9 +6,9 @@
 #include <cstdint>
 #include <vector>
 
-#include "isa.h"
-#include "random.h"
-#include "readout_state.h"
+#include "base/isa.h"
+#include "sensor/random.h"
+#include "sensor/readout_state.h"
 
 namespace evs {
 

@@ -13,7 +13,7 @@
 #include <cmath>
 #include <cstdint>
 
-#include "lowpass.h"
+#include "sensor/lowpass.h"
 
 namespace evs {
 

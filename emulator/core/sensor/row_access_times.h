@@ -8,9 +8,9 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "isa.h"
-#include "random.h"
-#include "readout_state.h"
+#include "base/isa.h"
+#include "sensor/random.h"
+#include "sensor/readout_state.h"
 
 namespace evs {
 

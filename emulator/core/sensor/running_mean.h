@@ -5,7 +5,7 @@
 
 #include <cstddef>
 
-#include "log_map.h"
+#include "sensor/log_map.h"
 
 namespace evs {
 

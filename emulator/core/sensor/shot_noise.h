@@ -12,7 +12,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "random.h"
+#include "sensor/random.h"
 
 namespace evs {
 

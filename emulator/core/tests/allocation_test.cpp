@@ -7,7 +7,7 @@
 #include <new>
 #include <string>
 
-#include "selftest.h"
+#include "tests/selftest.h"
 
 namespace {
 

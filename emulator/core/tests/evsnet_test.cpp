@@ -8,11 +8,11 @@
 #include <string>
 #include <vector>
 
-#include "device_constants.h"
-#include "isa.h"
-#include "network_array.h"
-#include "scan.h"
-#include "selftest.h"
+#include "base/isa.h"
+#include "base/scan.h"
+#include "evsnet/device_constants.h"
+#include "evsnet/network_array.h"
+#include "tests/selftest.h"
 
 namespace evs {
 namespace {

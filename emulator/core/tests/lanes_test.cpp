@@ -2,10 +2,10 @@
 
 #include <cstdio>
 
-#include "gpu/math_ops.inl"
-#include "isa.h"
-#include "selftest.h"
-#include "thread_pool.h"
+#include "base/isa.h"
+#include "base/thread_pool.h"
+#include "tests/gpu/math_ops.inl"
+#include "tests/selftest.h"
 
 namespace evs {
 

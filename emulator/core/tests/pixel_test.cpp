@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "pixel_array.h"
-#include "selftest.h"
+#include "sensor/pixel_array.h"
+#include "tests/selftest.h"
 
 namespace evs {
 namespace {

@@ -6,8 +6,8 @@
 #include <random>
 #include <vector>
 
-#include "readout.h"
-#include "selftest.h"
+#include "sensor/readout.h"
+#include "tests/selftest.h"
 
 namespace evs {
 namespace {

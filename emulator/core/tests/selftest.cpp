@@ -10,8 +10,8 @@
 #include <stdexcept>
 #include <tuple>
 
-#include "selftest.h"
-#include "thread_pool.h"
+#include "base/thread_pool.h"
+#include "tests/selftest.h"
 
 namespace evs {
 namespace {

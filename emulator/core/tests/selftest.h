@@ -4,7 +4,7 @@
 #include <random>
 #include <vector>
 
-#include "caster.h"
+#include "render/caster.h"
 
 namespace evs {
 

@@ -1,4 +1,4 @@
-#include "selftest.h"
+#include "tests/selftest.h"
 
 #include <cmath>
 #include <cstdio>

@@ -33,7 +33,7 @@ def compiled(
     """
     folders = (*(CORE / room / "gpu" for room in ROOMS), TESTED)
     folder = next(f for f in folders if (f / f"{kernel}.cu").is_file())
-    return compile_kernel(folder / f"{kernel}.cu", target, defined, options, (TESTED,))
+    return compile_kernel(folder / f"{kernel}.cu", target, defined, options)
 
 
 def main() -> None:

@@ -1,7 +1,7 @@
 // EvSNet, a pixel a thread; then a scan that says where the crossings of each pixel go.
-#include "prelude.h"
+#include "base/gpu/prelude.h"
 
-#include "device_pixel.h"
+#include "evsnet/device_pixel.h"
 
 // channels of the network
 #ifndef EVS_CHANNELS

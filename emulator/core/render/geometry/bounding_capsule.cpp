@@ -1,9 +1,9 @@
-#include "geometry/bounding_capsule.h"
+#include "render/geometry/bounding_capsule.h"
 
 #include <algorithm>
 #include <cmath>
 
-#include "reproducible_math.h"
+#include "base/reproducible_math.h"
 
 namespace evs {
 

@@ -2,7 +2,7 @@
 // does.
 #pragma once
 
-#include "path_scene.h"
+#include "scene/path_scene.h"
 
 namespace evs {
 

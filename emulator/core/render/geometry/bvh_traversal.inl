@@ -3,8 +3,8 @@
 
 #include <cmath>
 
-#include "geometry/rays.inl"
-#include "scene.h"
+#include "render/geometry/rays.inl"
+#include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,8 +1,8 @@
 // Camera rays: pinhole, orthographic, or a lens given as one direction at each pixel corner.
 #pragma once
 
-#include "geometry/rays.inl"
-#include "scene.h"
+#include "render/geometry/rays.inl"
+#include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,9 +1,9 @@
 // Find the geoms that rays may touch: by a scan of all, or through the hierarchy over many.
 #pragma once
 
-#include "geometry/geom_bvh_traversal.inl"
-#include "geometry/ray_cone.inl"
-#include "scene.h"
+#include "render/geometry/geom_bvh_traversal.inl"
+#include "render/geometry/ray_cone.inl"
+#include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,9 +1,9 @@
 // Culling: skip shadow rays and mirror rays that can hit nothing, and lights that are out of range.
 #pragma once
 
-#include "geometry/ray_cone.inl"
-#include "light.h"
-#include "scene.h"
+#include "render/geometry/ray_cone.inl"
+#include "scene/light.h"
+#include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

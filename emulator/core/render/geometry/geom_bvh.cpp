@@ -1,4 +1,4 @@
-#include "geometry/geom_bvh.h"
+#include "render/geometry/geom_bvh.h"
 
 #include <algorithm>
 #include <cmath>

@@ -5,7 +5,7 @@
 #include <cstddef>
 #include <vector>
 
-#include "scene.h"
+#include "scene/scene.h"
 
 namespace evs {
 

@@ -1,9 +1,9 @@
 // Traversal of the hierarchy over geoms by a cone of rays.
 #pragma once
 
-#include "geometry/geom_set.h"
-#include "scene.h"
-#include "simd/vec.inl"
+#include "render/geometry/geom_set.h"
+#include "render/simd/vec.inl"
+#include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

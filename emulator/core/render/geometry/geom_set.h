@@ -2,8 +2,8 @@
 // first use.
 #pragma once
 
-#include "scene.h"
-#include "simd_target.h"
+#include "base/simd_target.h"
+#include "scene/scene.h"
 
 namespace evs {
 

@@ -1,10 +1,10 @@
 // Intersect rays with the whole scene: the nearest hit, and occlusion.
 #pragma once
 
-#include "geometry/bvh_traversal.inl"
-#include "geometry/candidates.inl"
-#include "geometry/shapes.inl"
-#include "scene.h"
+#include "render/geometry/bvh_traversal.inl"
+#include "render/geometry/candidates.inl"
+#include "render/geometry/shapes.inl"
+#include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,8 +1,8 @@
 // The bounding cone of a packet of rays, which culls geoms before any ray is tested.
 #pragma once
 
-#include "geometry/rays.inl"
-#include "scene.h"
+#include "render/geometry/rays.inl"
+#include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,7 +1,7 @@
 // A packet of rays, and what they hit.
 #pragma once
 
-#include "simd/vec.inl"
+#include "render/simd/vec.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -4,8 +4,8 @@
 // viewer. A miss returns T_INFINITY. A NaN is a miss.
 #pragma once
 
-#include "geometry/rays.inl"
-#include "scene.h"
+#include "render/geometry/rays.inl"
+#include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,9 +1,9 @@
 // The `direct` integrator: a pixel a thread, 8 x 4 pixels a warp. With adaptive antialiasing in two
 // passes, as in antialiasing.h.
-#include "prelude.h"
+#include "base/gpu/prelude.h"
 
-#include "image_threads.cuh"
-#include "integrators/blend.h"
+#include "render/gpu/image_threads.cuh"
+#include "render/integrators/blend.h"
 
 // channels of the frame
 #ifndef EVS_CHANNELS

@@ -4,9 +4,9 @@
 // ticks in which the cache asks for that.
 #define EVS_ON_DEVICE 1
 #define EVS_OUTLINE_IN_PATHS __noinline__
-#include "prelude.h"
+#include "base/gpu/prelude.h"
 
-#include "irradiance.h"
+#include "scene/irradiance.h"
 
 namespace evs {
 
@@ -39,10 +39,10 @@ struct NodeRequests {
 
 }  // namespace evs
 
-#include "image_threads.cuh"
-#include "integrators/blend.h"
-#include "integrators/hybrid.inl"
-#include "irradiance/first_readers.h"
+#include "render/gpu/image_threads.cuh"
+#include "render/integrators/blend.h"
+#include "render/integrators/hybrid.inl"
+#include "render/irradiance/first_readers.h"
 
 // channels of the frame
 #ifndef EVS_CHANNELS
@@ -67,8 +67,7 @@ EVS_INLINE void light_of_pixel(const cuda::HybridShading& shading, const Frame& 
                            cuda::pixel_point(&y, frame.sample_y[s], PACKET_HEIGHT));
     cuda::Float light[CHANNELS];
     RayCone cone = cuda::ray_cone(rays.origin, rays.direction, all, cuda::T_INFINITY);
-    cuda::radiance<CHANNELS, 0>(shading, frame, rays, cone, all, cuda::splat(0.0f), nullptr,
-                                   light);
+    cuda::radiance<CHANNELS, 0>(shading, frame, rays, cone, all, cuda::splat(0.0f), nullptr, light);
     luminance = luminance + cuda::luminance_of<CHANNELS>(frame, light);
     untextured = untextured + light[CHANNELS - 1];
   }

@@ -1,8 +1,8 @@
 // A thread for each pixel of an image, 8 x 4 pixels a warp, in blocks of 128.
 #pragma once
 
-#include "integrators/antialiasing.inl"
-#include "scene.h"
+#include "render/integrators/antialiasing.inl"
+#include "scene/scene.h"
 
 // blocks on a multiprocessor: more leave fewer registers to each thread
 #ifndef EVS_BLOCKS

@@ -2,10 +2,10 @@
 // samples of a pixel, in the order of the CPU.
 #define EVS_BATCH_ROOM 1
 #define EVS_OUTLINE_IN_PATHS __noinline__
-#include "prelude.h"
+#include "base/gpu/prelude.h"
 
-#include "image_threads.cuh"
-#include "integrators/wavefront.inl"
+#include "render/gpu/image_threads.cuh"
+#include "render/integrators/wavefront.inl"
 
 namespace evs {
 

@@ -4,7 +4,7 @@
 
 #include <cstddef>
 
-#include "integrators/wavefront.inl"
+#include "render/integrators/wavefront.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

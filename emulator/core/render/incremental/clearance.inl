@@ -1,8 +1,8 @@
 // Clearance: how far moving geoms may travel before one of them could touch a sample's rays.
 #pragma once
 
-#include "geometry/rays.inl"
-#include "path_scene.h"
+#include "render/geometry/rays.inl"
+#include "scene/path_scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

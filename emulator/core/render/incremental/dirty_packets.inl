@@ -3,9 +3,9 @@
 // once.
 #pragma once
 
-#include "geometry/culling.inl"
-#include "path_scene.h"
-#include "shading/lights.inl"
+#include "render/geometry/culling.inl"
+#include "render/shading/lights.inl"
+#include "scene/path_scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -9,8 +9,8 @@
 //  4. Sum the units of every pixel that changed.
 #pragma once
 
-#include "incremental/cached_hits.inl"
-#include "integrators/wavefront.inl"
+#include "render/incremental/cached_hits.inl"
+#include "render/integrators/wavefront.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,4 +1,4 @@
-#include "incremental/packet_cache.h"
+#include "render/incremental/packet_cache.h"
 
 #include <algorithm>
 #include <cstring>

@@ -5,9 +5,9 @@
 #include <cstddef>
 #include <vector>
 
-#include "light.h"
-#include "optics.h"
-#include "thread_pool.h"
+#include "base/thread_pool.h"
+#include "scene/light.h"
+#include "scene/optics.h"
 
 namespace evs {
 

@@ -1,9 +1,9 @@
 // What a packet records while it is traced, so that later ticks can prove it clean.
 #pragma once
 
-#include "geometry/ray_cone.inl"
-#include "scene.h"
-#include "shading/surface_interaction.inl"
+#include "render/geometry/ray_cone.inl"
+#include "render/shading/surface_interaction.inl"
+#include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,4 +1,4 @@
-#include "incremental/path_cache.h"
+#include "render/incremental/path_cache.h"
 
 #include <algorithm>
 #include <cmath>

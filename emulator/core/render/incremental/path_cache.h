@@ -9,9 +9,9 @@
 #include <cstdint>
 #include <vector>
 
-#include "geometry/bounding_capsule.h"
-#include "large_pages.h"
-#include "path_scene.h"
+#include "base/large_pages.h"
+#include "render/geometry/bounding_capsule.h"
+#include "scene/path_scene.h"
 
 namespace evs {
 

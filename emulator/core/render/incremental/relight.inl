@@ -2,7 +2,7 @@
 // light of the first lights come from the cache; the other lights are evaluated again.
 #pragma once
 
-#include "integrators/direct.inl"
+#include "render/integrators/direct.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,4 +1,4 @@
-#include "integrators/antialiasing.h"
+#include "render/integrators/antialiasing.h"
 
 #include <algorithm>
 #include <cmath>

@@ -6,10 +6,10 @@
 #include <cstdint>
 #include <vector>
 
-#include "incremental/packet_cache.h"
-#include "integrators/blend.h"
-#include "optics.h"
-#include "scene.h"
+#include "render/incremental/packet_cache.h"
+#include "render/integrators/blend.h"
+#include "scene/optics.h"
+#include "scene/scene.h"
 
 namespace evs {
 

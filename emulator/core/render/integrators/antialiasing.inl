@@ -6,7 +6,7 @@
 // sample and all samples agree, so nothing jumps when the edge moves in.
 #pragma once
 
-#include "integrators/direct.inl"
+#include "render/integrators/direct.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -2,15 +2,15 @@
 // no random numbers.
 #pragma once
 
-#include "geometry/camera.inl"
-#include "geometry/culling.inl"
-#include "incremental/packet_record.inl"
-#include "integrators/film.inl"
-#include "shading/bsdf.inl"
-#include "shading/environment.inl"
-#include "shading/fog.inl"
-#include "shading/lights.inl"
-#include "shading/surface_interaction.inl"
+#include "render/geometry/camera.inl"
+#include "render/geometry/culling.inl"
+#include "render/incremental/packet_record.inl"
+#include "render/integrators/film.inl"
+#include "render/shading/bsdf.inl"
+#include "render/shading/environment.inl"
+#include "render/shading/fog.inl"
+#include "render/shading/lights.inl"
+#include "render/shading/surface_interaction.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

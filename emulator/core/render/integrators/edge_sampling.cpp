@@ -1,4 +1,4 @@
-#include "integrators/edge_sampling.h"
+#include "render/integrators/edge_sampling.h"
 
 #include <algorithm>
 

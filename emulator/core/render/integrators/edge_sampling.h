@@ -8,8 +8,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "path_scene.h"
-#include "scene.h"
+#include "scene/path_scene.h"
+#include "scene/scene.h"
 
 namespace evs {
 

@@ -1,7 +1,7 @@
 // The film: the pixels that belong to the lanes of a packet, and writing their light.
 #pragma once
 
-#include "geometry/camera.inl"
+#include "render/geometry/camera.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,8 +1,8 @@
 // Ground truth: the first hit of the ray through each pixel's centre, without light.
 #pragma once
 
-#include "geometry/camera.inl"
-#include "shading/surface_interaction.inl"
+#include "render/geometry/camera.inl"
+#include "render/shading/surface_interaction.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

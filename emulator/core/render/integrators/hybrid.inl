@@ -10,10 +10,10 @@
 //    only where the outermost ones are not all lit or all in shadow.
 #pragma once
 
-#include "integrators/antialiasing.inl"
-#include "integrators/path.inl"
-#include "irradiance/kept_light.inl"
-#include "shading/emitter_irradiance.inl"
+#include "render/integrators/antialiasing.inl"
+#include "render/integrators/path.inl"
+#include "render/irradiance/kept_light.inl"
+#include "render/shading/emitter_irradiance.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

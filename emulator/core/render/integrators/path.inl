@@ -11,14 +11,14 @@
 //  carry little.
 #pragma once
 
-#include "geometry/camera.inl"
-#include "geometry/culling.inl"
-#include "incremental/clearance.inl"
-#include "integrators/sampler.inl"
-#include "shading/environment.inl"
-#include "shading/fog.inl"
-#include "shading/light_sampling.inl"
-#include "shading/lights.inl"
+#include "render/geometry/camera.inl"
+#include "render/geometry/culling.inl"
+#include "render/incremental/clearance.inl"
+#include "render/integrators/sampler.inl"
+#include "render/shading/environment.inl"
+#include "render/shading/fog.inl"
+#include "render/shading/light_sampling.inl"
+#include "render/shading/lights.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

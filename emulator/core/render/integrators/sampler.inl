@@ -12,8 +12,8 @@
 //           the noise moves with the surface as a texture would
 #pragma once
 
-#include "geometry/intersect.inl"
-#include "path_scene.h"
+#include "render/geometry/intersect.inl"
+#include "scene/path_scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

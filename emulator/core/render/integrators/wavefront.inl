@@ -3,9 +3,9 @@
 // not depend on the other paths of its batch.
 #pragma once
 
-#include "geometry/camera.inl"
-#include "integrators/film.inl"
-#include "integrators/path.inl"
+#include "render/geometry/camera.inl"
+#include "render/integrators/film.inl"
+#include "render/integrators/path.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

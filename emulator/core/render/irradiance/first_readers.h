@@ -4,7 +4,7 @@
 
 #include <cstdint>
 
-#include "irradiance.h"
+#include "scene/irradiance.h"
 
 namespace evs {
 

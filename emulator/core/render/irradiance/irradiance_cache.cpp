@@ -1,4 +1,4 @@
-#include "irradiance/irradiance_cache.h"
+#include "render/irradiance/irradiance_cache.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,7 +6,7 @@
 #include <tuple>
 #include <utility>
 
-#include "irradiance/first_readers.h"
+#include "render/irradiance/first_readers.h"
 
 namespace evs {
 namespace {

@@ -15,9 +15,9 @@
 #include <cstdint>
 #include <vector>
 
-#include "irradiance.h"
-#include "path_scene.h"
-#include "thread_pool.h"
+#include "base/thread_pool.h"
+#include "scene/irradiance.h"
+#include "scene/path_scene.h"
 
 namespace evs {
 

@@ -3,9 +3,9 @@
 // Shading it again then takes neither camera rays nor textures.
 #pragma once
 
-#include "integrators/film.inl"
-#include "irradiance/node_lattice.inl"
-#include "shading/bsdf.inl"
+#include "render/integrators/film.inl"
+#include "render/irradiance/node_lattice.inl"
+#include "render/shading/bsdf.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

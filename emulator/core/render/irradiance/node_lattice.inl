@@ -7,9 +7,9 @@
 // Meshes project it along the axis that their normal is nearest to.
 #pragma once
 
-#include "geometry/intersect.inl"
-#include "irradiance.h"
-#include "shading/surface_interaction.inl"
+#include "render/geometry/intersect.inl"
+#include "render/shading/surface_interaction.inl"
+#include "scene/irradiance.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,8 +1,8 @@
 // The light of the irradiance cache's nodes: where they lie on meshes, and paths that start there.
 #pragma once
 
-#include "integrators/wavefront.inl"
-#include "irradiance.h"
+#include "render/integrators/wavefront.inl"
+#include "scene/irradiance.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -7,7 +7,7 @@
 // distribution of visible normals (Heitz 2018; Dupuy & Benyoub 2023). The BSDF is reciprocal.
 #pragma once
 
-#include "shading/surface_interaction.inl"
+#include "render/shading/surface_interaction.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

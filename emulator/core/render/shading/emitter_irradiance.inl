@@ -3,8 +3,8 @@
 // Lambert's formula for the irradiance from a polygon, clipped to the horizon.
 #pragma once
 
-#include "path_scene.h"
-#include "shading/bsdf.inl"
+#include "render/shading/bsdf.inl"
+#include "scene/path_scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -2,8 +2,8 @@
 // points in each pixel.
 #pragma once
 
-#include "scene.h"
-#include "shading/texture.inl"
+#include "render/shading/texture.inl"
+#include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,8 +1,8 @@
 // Fog, and the haze below the horizon, between the camera and what it sees.
 #pragma once
 
-#include "geometry/rays.inl"
-#include "scene.h"
+#include "render/geometry/rays.inl"
+#include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -3,9 +3,9 @@
 // Feline, McCormack et al. 1999). The probes of a lane depend on its ray only.
 #pragma once
 
-#include "geometry/rays.inl"
-#include "scene.h"
-#include "shading/texture.inl"
+#include "render/geometry/rays.inl"
+#include "render/shading/texture.inl"
+#include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -3,10 +3,10 @@
 // importance sampling.
 #pragma once
 
-#include "light.h"
-#include "path_scene.h"
-#include "shading/bsdf.inl"
-#include "shading/surface_interaction.inl"
+#include "render/shading/bsdf.inl"
+#include "render/shading/surface_interaction.inl"
+#include "scene/light.h"
+#include "scene/path_scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -2,8 +2,8 @@
 // rays.
 #pragma once
 
-#include "geometry/ray_cone.inl"
-#include "light.h"
+#include "render/geometry/ray_cone.inl"
+#include "scene/light.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,10 +1,10 @@
 // Surface interaction: position, normals and material at each lane's hit, evaluated geom by geom.
 #pragma once
 
-#include "geometry/intersect.inl"
-#include "scene.h"
-#include "shading/footprint.inl"
-#include "shading/texture.inl"
+#include "render/geometry/intersect.inl"
+#include "render/shading/footprint.inl"
+#include "render/shading/texture.inl"
+#include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,8 +1,8 @@
 // Texture lookup: coordinates as MuJoCo's viewer generates them, and trilinear filtering.
 #pragma once
 
-#include "scene.h"
-#include "simd/vec.inl"
+#include "render/simd/vec.inl"
+#include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

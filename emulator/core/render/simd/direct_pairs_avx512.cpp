@@ -2,9 +2,9 @@
 // the other half computes.
 #define EVS_VECTOR_BITS 1024
 #define EVS_NAMESPACE avx512_pairs
-#include "incremental/relight.inl"
-#include "integrators/direct.inl"
-#include "integrators/hybrid.inl"
+#include "render/incremental/relight.inl"
+#include "render/integrators/direct.inl"
+#include "render/integrators/hybrid.inl"
 
 namespace evs {
 

@@ -12,18 +12,18 @@
 #define EVS_PAIR(name) nullptr
 #endif
 
-#include "incremental/dirty_packets.inl"
-#include "incremental/relight.inl"
-#include "integrators/antialiasing.inl"
-#include "integrators/direct.inl"
-#include "integrators/ground_truth.inl"
-#include "integrators/hybrid.inl"
-#include "path_scene.h"
-#include "scene.h"
-#include "simd/probe.inl"
+#include "render/incremental/dirty_packets.inl"
+#include "render/incremental/relight.inl"
+#include "render/integrators/antialiasing.inl"
+#include "render/integrators/direct.inl"
+#include "render/integrators/ground_truth.inl"
+#include "render/integrators/hybrid.inl"
+#include "render/simd/probe.inl"
+#include "scene/path_scene.h"
+#include "scene/scene.h"
 #ifndef EVS_PATHS
-#include "incremental/dirty_set.inl"
-#include "irradiance/node_light.inl"
+#include "render/incremental/dirty_set.inl"
+#include "render/irradiance/node_light.inl"
 #define EVS_PATHS(name) EVS_NAMESPACE::name
 #endif
 

@@ -4,4 +4,4 @@
 #define EVS_KERNEL KERNEL_AVX2
 #define EVS_INTRINSIC(op) _mm256_##op
 #define EVS_PAIR(name) nullptr
-#include "simd/kernel.inl"
+#include "render/simd/kernel.inl"

@@ -4,7 +4,7 @@
 #define EVS_KERNEL KERNEL_AVX512
 #define EVS_PAIR(name) name##_pair_avx512
 #define EVS_PATHS(name) name##_avx512
-#include "simd/kernel.inl"
+#include "render/simd/kernel.inl"
 
 namespace evs {
 

@@ -4,4 +4,4 @@
 #define EVS_KERNEL KERNEL_NEON
 #define EVS_NEON 1
 #define EVS_PAIR(name) nullptr
-#include "simd/kernel.inl"
+#include "render/simd/kernel.inl"

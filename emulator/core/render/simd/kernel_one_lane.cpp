@@ -2,7 +2,7 @@
 // every tick anew, whether incremental or not.
 #define EVS_VECTOR_BITS 32
 #define EVS_NAMESPACE one_lane
-#include "simd/one_lane.inl"
+#include "render/simd/one_lane.inl"
 
 namespace evs {
 namespace one_lane {

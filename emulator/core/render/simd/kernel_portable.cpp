@@ -4,4 +4,4 @@
 #define EVS_KERNEL KERNEL_PORTABLE
 #define EVS_INTRINSIC(op) _mm_##op
 #define EVS_PAIR(name) nullptr
-#include "simd/kernel.inl"
+#include "render/simd/kernel.inl"

@@ -2,12 +2,12 @@
 // recorded or kept between ticks.
 #pragma once
 
-#include "integrators/antialiasing.inl"
-#include "integrators/direct.inl"
-#include "integrators/ground_truth.inl"
-#include "integrators/hybrid.inl"
-#include "integrators/wavefront.inl"
-#include "irradiance/node_light.inl"
+#include "render/integrators/antialiasing.inl"
+#include "render/integrators/direct.inl"
+#include "render/integrators/ground_truth.inl"
+#include "render/integrators/hybrid.inl"
+#include "render/integrators/wavefront.inl"
+#include "render/irradiance/node_light.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,8 +1,8 @@
 // The `path` integrator in 32 lanes: while one half waits for a result, the other half computes.
 #define EVS_VECTOR_BITS 1024
 #define EVS_NAMESPACE avx512_path_pairs
-#include "incremental/dirty_set.inl"
-#include "irradiance/node_light.inl"
+#include "render/incremental/dirty_set.inl"
+#include "render/irradiance/node_light.inl"
 
 namespace evs {
 

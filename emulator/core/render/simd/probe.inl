@@ -1,9 +1,9 @@
 // Entry points for the tests of sampling: draws and pdfs of the path integrator's samplers.
 #pragma once
 
-#include "integrators/sampler.inl"
-#include "shading/light_sampling.inl"
-#include "simd/probe_lanes.h"
+#include "render/integrators/sampler.inl"
+#include "render/shading/light_sampling.inl"
+#include "render/simd/probe_lanes.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,8 +1,8 @@
 // Vectors of lanes: points, directions and rotations of a packet, and the scalar V3 beside them.
 #pragma once
 
-#include "scene.h"
-#include "simd_math.inl"
+#include "base/simd_math.inl"
+#include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -1,9 +1,9 @@
 // The event pixels `plain` and `adaptive`: a block of 64 pixels a thread, then a scan that packs
 // what the blocks have found in the order of the pixels.
 #define EVS_ON_DEVICE 1
-#include "prelude.h"
+#include "base/gpu/prelude.h"
 
-#include "device_pixels.h"
+#include "sensor/device_pixels.h"
 
 // whether a launch steps many cameras
 #ifndef EVS_MANY

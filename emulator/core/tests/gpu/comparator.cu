@@ -1,7 +1,7 @@
 // The exact comparators of the event pixel, a pixel a thread.
-#include "prelude.h"
+#include "base/gpu/prelude.h"
 
-#include "comparator.h"
+#include "sensor/comparator.h"
 
 namespace evs {
 

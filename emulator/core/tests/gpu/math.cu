@@ -1,7 +1,7 @@
 // Single operations: what each gives for operands `first` and those after it.
-#include "prelude.h"
+#include "base/gpu/prelude.h"
 
-#include "math_ops.inl"
+#include "tests/gpu/math_ops.inl"
 
 namespace evs {
 

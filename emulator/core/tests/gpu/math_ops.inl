@@ -2,7 +2,7 @@
 // in packets, and on the GPU, in threads.
 #pragma once
 
-#include "simd_math.inl"
+#include "base/simd_math.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -6,8 +6,8 @@
 #include <thread>
 #include <vector>
 
-#include "math_ops.inl"
-#include "thread_pool.h"
+#include "base/thread_pool.h"
+#include "tests/gpu/math_ops.inl"
 
 #define EVS_EXPORT extern "C" __attribute__((visibility("default")))
 

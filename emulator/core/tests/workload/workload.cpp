@@ -10,10 +10,10 @@
 #include <cstring>
 #include <string>
 
-#include "isa.h"
-#include "network_array.h"
-#include "pixel_array.h"
-#include "selftest.h"
+#include "base/isa.h"
+#include "evsnet/network_array.h"
+#include "sensor/pixel_array.h"
+#include "tests/selftest.h"
 
 namespace evs {
 namespace {

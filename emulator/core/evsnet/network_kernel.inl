@@ -2,10 +2,10 @@
 // EVS_KERNEL, the name of their table.
 #pragma once
 
-#include "bilif.inl"
-#include "inference.inl"
-#include "log_delta.inl"
-#include "network_kernel.h"
+#include "evsnet/bilif.inl"
+#include "evsnet/inference.inl"
+#include "evsnet/log_delta.inl"
+#include "evsnet/network_kernel.h"
 
 namespace evs {
 
