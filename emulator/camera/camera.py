@@ -28,7 +28,7 @@ from evs.emulator.config.settings import plain_config, with_keys
 from evs.emulator.optics import camera_info
 from evs.emulator.optics.camera_info import pose_message
 from evs.emulator.render import flicker_warnings
-from evs.emulator.render.direct import DirectRenderer, LentRenderer
+from evs.emulator.render.native import LentRenderer, NativeRenderer
 from evs.emulator.sensor import SensorParameters, completed, preset_biases, resolve_sensor
 from evs.emulator.state import Saved, joined, number, numbers, part
 from evs.emulator.state.versions import versions
@@ -364,7 +364,7 @@ class Camera:
         renderer = self._renderer
         light = (
             renderer.lend()
-            if isinstance(renderer, DirectRenderer)
+            if isinstance(renderer, NativeRenderer)
             else "the renderer is not native"
         )
         if isinstance(light, str):

@@ -11,19 +11,17 @@ from typing import TYPE_CHECKING, Any
 from evs.msgs.registry import load
 
 if TYPE_CHECKING:
-    from evs.emulator.render.direct import DirectRenderer
     from evs.emulator.render.flicker import flicker_warnings
-    from evs.emulator.render.path import PathRenderer
+    from evs.emulator.render.native import NativeRenderer
     from evs.emulator.render.selection import make_renderer
 
 _HOMES = {
-    "DirectRenderer": "evs.emulator.render.direct:DirectRenderer",
-    "PathRenderer": "evs.emulator.render.path:PathRenderer",
+    "NativeRenderer": "evs.emulator.render.native:NativeRenderer",
     "flicker_warnings": "evs.emulator.render.flicker:flicker_warnings",
     "make_renderer": "evs.emulator.render.selection:make_renderer",
 }
 
-__all__ = ["DirectRenderer", "PathRenderer", "flicker_warnings", "make_renderer"]
+__all__ = ["NativeRenderer", "flicker_warnings", "make_renderer"]
 
 
 def __getattr__(name: str) -> Any:

@@ -17,7 +17,7 @@ import numpy as np
 from evs.emulator import _core
 from evs.emulator.base.protocols import Commit
 from evs.emulator.base.scene import F32, I32, CameraPose, GroundTruth, SceneSnapshot
-from evs.emulator.render.path import PathRenderer
+from evs.emulator.render.native import NativeRenderer
 from evs.emulator.state import Saved, number, numbers
 from evs.msgs import EvsError
 
@@ -101,9 +101,9 @@ class SeedCycle:
 
 
 class CycleRenderer:
-    """The `path` renderer with render.seeds = "cycle": one PathRenderer for each point set."""
+    """The `path` renderer with render.seeds = "cycle": one NativeRenderer for each point set."""
 
-    def __init__(self, renderers: Sequence[PathRenderer]) -> None:
+    def __init__(self, renderers: Sequence[NativeRenderer]) -> None:
         """Take the renderers of the sets, in order."""
         self.renderers = tuple(renderers)
         self._latest = self.renderers[0]
@@ -119,7 +119,7 @@ class CycleRenderer:
         Args:
             snapshot: The world at its end.
             pose: Where the camera is.
-            into: As of DirectRenderer.
+            into: See NativeRenderer.
 
         Returns:
             (h, w) float32 linear luminance of the last m ticks.
@@ -185,7 +185,7 @@ class CycleRenderer:
         pose: CameraPose,
         previous: tuple[SceneSnapshot, CameraPose] | None = None,
     ) -> GroundTruth:
-        """As of DirectRenderer: of the instant itself, not of the ticks before."""
+        """See NativeRenderer: of the instant itself, not of the ticks before."""
         return self._latest.ground_truth(snapshot, pose, previous)
 
     @property
@@ -196,10 +196,10 @@ class CycleRenderer:
 
     @property
     def traced_fraction(self) -> float:
-        """As of DirectRenderer."""
+        """See NativeRenderer."""
         return self._traced
 
     @property
     def features(self) -> dict[str, bool]:
-        """As of DirectRenderer."""
+        """See NativeRenderer."""
         return self._latest.features

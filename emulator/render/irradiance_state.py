@@ -1,4 +1,4 @@
-"""The `hybrid` renderer: direct light at every pixel, diffuse light of sky and bounces cached."""
+"""What `hybrid` keeps from tick to tick: the irradiance cache, and the last light."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from evs.emulator import _core
 from evs.emulator.base.protocols import Commit
-from evs.emulator.base.scene import F32, I32, CameraPose, SceneSnapshot
-from evs.emulator.render.path import PathRenderer
+from evs.emulator.base.scene import F32
+from evs.emulator.render.device import Device
 from evs.emulator.state import number, numbers
 from evs.msgs import EvsError
 
@@ -19,38 +20,34 @@ KEYS, LIGHT = 7, 27
 DAMAGED = "saved state is damaged: the cache of the renderer is invalid; save it again"
 
 
-class HybridRenderer(PathRenderer):
-    """Soft light without noise: what changes fast is traced, what changes slowly is cached.
+class IrradianceState:
+    """The irradiance cache of a caster and the images of its last tick, as a state."""
 
-    Lamps, glowing geoms, gloss and mirrors are evaluated at every pixel of every tick. The diffuse
-    light of the sky and of bounces is cached on surfaces and follows changes within 96 ticks. The
-    cache begins empty and is filled before the first light is given. Its paths follow from the
-    seed.
-    """
+    def __init__(self, caster: _core.Caster, device: Device, rgb: F32 | None) -> None:
+        """Begin with an empty cache, which the next tick fills.
 
-    integrator = "hybrid"
-
-    def trace(self, snapshot: SceneSnapshot, pose: CameraPose, pixels: I32) -> F32:
-        """As of the direct renderer, of the next tick: the cache is that of a tick."""
-        columns, rows = np.asarray(pixels).T
-        traced: F32 = self.render(snapshot, pose)[rows, columns]
-        return traced
+        Args:
+            caster: Of `hybrid`.
+            device: Where its pixels are traced.
+            rgb: (h, w, 3) colour of the last tick; None: there is none.
+        """
+        self._caster, self._device, self._rgb = caster, device, rgb
 
     def restart(self) -> None:
         """Forget the cached light: the next tick fills the cache anew."""
         self._caster.restart()
 
-    def render_again(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
-        """As of Renderer."""
-        del snapshot, pose
-        return self._luminance
-
     def save(self) -> dict[str, Any]:
         """Named arrays of the cache and of the last light, which `prepare_restore` takes back."""
+        self._device.fetch()
         nodes = self._caster.work["cache_nodes"]
         keys, light = np.empty((nodes, KEYS), np.int32), np.empty((nodes, LIGHT), np.float32)
         tick, coarser = self._caster.save_irradiance(keys, light)
-        saved: dict[str, Any] = {"keys": keys, "light": light, "luminance": self._luminance.copy()}
+        saved: dict[str, Any] = {
+            "keys": keys,
+            "light": light,
+            "luminance": self._device.luminance.copy(),
+        }
         if self._rgb is not None:
             saved["rgb"] = self._rgb.copy()
         return {**saved, **numbers(tick=tick, coarser=coarser)}
@@ -65,8 +62,9 @@ class HybridRenderer(PathRenderer):
         coarser = number(saved, "coarser", 0, MAX_COARSER)
         keys = _array(saved, "keys", np.int32, (-1, KEYS))
         light = _array(saved, "light", np.float32, (len(keys), LIGHT))
+        luminance = self._device.luminance
         pictures: list[tuple[F32, F32]]
-        pictures = [(self._luminance, _array(saved, "luminance", np.float32, self.shape))]
+        pictures = [(luminance, _array(saved, "luminance", np.float32, luminance.shape))]
         if self._rgb is not None:
             pictures.append((self._rgb, _array(saved, "rgb", np.float32, self._rgb.shape)))
 
@@ -81,6 +79,7 @@ class HybridRenderer(PathRenderer):
             self._caster.restore_irradiance(tick, coarser, keys, light)
             for now, before in pictures:
                 now[:] = before
+            self._device.replace_light()
 
         return commit
 

@@ -1,17 +1,18 @@
-"""The `direct` renderer: the native caster behind the Renderer protocol."""
+"""The native renderer: an integrator of the core, on the CPU or on a GPU."""
 
 from __future__ import annotations
 
-from typing import ClassVar, NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from evs.emulator import _core
 from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator.base.protocols import Commit
 from evs.emulator.base.scene import (
     F32,
-    F64,
     I32,
     CameraModel,
     CameraPose,
@@ -22,9 +23,12 @@ from evs.emulator.base.scene import (
 )
 from evs.emulator.config import RenderConfig
 from evs.emulator.optics import Lens, make_lens
+from evs.emulator.render.device import Cpu, Device, Poses
 from evs.emulator.render.flicker import Flicker
 from evs.emulator.render.ground_truth import trace_hits, trace_truth
-from evs.emulator.render.instant_light import InstantLight
+from evs.emulator.render.irradiance_state import IrradianceState
+from evs.emulator.render.registry import RENDERERS
+from evs.msgs.registry import load
 
 
 class LentRenderer(NamedTuple):
@@ -41,16 +45,20 @@ class LentRenderer(NamedTuple):
     """what of it is on a GPU, where it renders there"""
 
 
-class DirectRenderer(InstantLight):
-    """Every light once, hard shadows, one mirror bounce, fixed sub-pixel samples: no noise at all.
+class NativeRenderer:
+    """An integrator of the core, `config.renderer`, on a device.
 
-    With `config.incremental` and a still camera only packets of 4 x 4 pixels that a moved geom can
-    touch are traced again, and of those that a moved light or a shadow reaches only the light is
-    found again where that is enough; it is the same bit for bit.
+    `direct` evaluates every light once, with hard shadows and one mirror bounce: it has no noise.
+    `path` follows light as it bounces. With fixed seeds a pixel draws the same numbers in every
+    tick, so still light stays still; with fresh ones every tick has its own noise, as in the paper.
+    `hybrid` evaluates lamps, glowing geoms, gloss and mirrors at every pixel and caches the diffuse
+    light of sky and bounces on surfaces. The cache follows changes within 96 ticks.
+
+    With `config.incremental` and a still camera the CPU traces only what a moved geom or light can
+    affect, with the bytes of the full trace. A GPU traces every tick as a whole. Single pixels,
+    ground truth and hits are always traced on the CPU.
     """
 
-    integrator: ClassVar[str] = "direct"
-    """which of the core's"""
     _lens: Lens
     _caster: _core.Caster
 
@@ -61,26 +69,34 @@ class DirectRenderer(InstantLight):
         config: RenderConfig,
         threads: int,
         rgb: bool = False,
+        seed: int = 0,
         switches: Switches = UNFORCED,
-        like: DirectRenderer | None = None,
-        point_set: tuple[int, int] = (0, 1),
+        like: NativeRenderer | None = None,
+        device: str = "cpu",
+        point_set: int = 0,
     ) -> None:
-        """Build the caster.
+        """Build the caster, and on a GPU compile the kernels unless they are in the cache.
 
         Args:
-            scene: What is seen.
+            scene: What is seen; on a GPU without shapes that deform.
             camera: The optics.
             config: [render].
-            threads: Worker threads; 0: one a core.
-            rgb: Whether colour is wanted too; luminance keeps its bytes.
+            threads: Worker threads of the CPU; 0: one per core.
+            rgb: Whether colour is wanted beside the luminance, which keeps its bytes.
+            seed: What the noise of `path` and the cached light of `hybrid` follow from.
             switches: Code paths that are forced on or off.
             like: The same camera's renderer until now, whose unchanged parts are shared.
-            point_set: Which point set of a cycle the samples are, and of how many.
+            device: "cpu" or "cuda".
+            point_set: Index of the point set if config.seeds is "cycle".
+
+        Raises:
+            EvsError: There is no GPU, or no memory on it.
         """
         scene = scene if config.sites else scene.without_sites()
         self._scene, self._camera = scene, camera
         self._lens = like._lens if like and like._camera == camera else make_lens(camera)
-        self._noise = 0
+        self._seed, self._fresh = seed, config.seeds == "fresh"
+        self._draws = config.renderer != "direct"
         keep = [
             i
             for i, light in enumerate(scene.lights)
@@ -99,7 +115,6 @@ class DirectRenderer(InstantLight):
             share = np.ones((camera.height, camera.width), np.float32)
         self._deforming, self._stretching = scene.deforming, scene.stretching
         self.shape = camera.height, camera.width
-        self._luminance = np.zeros(self.shape, np.float32)
         self._rgb = np.zeros((*self.shape, 3), np.float32) if rgb else None
         before = (like._scene, like._caster) if like else None
         data, self.built = scene_data(scene, keep, config, self._own["sky"], before)
@@ -124,16 +139,31 @@ class DirectRenderer(InstantLight):
                 shadows=config.shadows,
                 incremental=config.incremental,
                 rgb=rgb,
-                integrator=self.integrator,
+                integrator=config.renderer,
                 bounces=config.bounces,
                 sample_set=config.sampler,
-                block=point_set[0],
-                blocks=point_set[1],
+                block=point_set,
+                blocks=config.cycle_ticks if config.seeds == "cycle" else 1,
                 forced=_forced(scene, switches),
             ),
             threads=threads,
             isa=config.isa,
             before=before[1] if before else None,
+        )
+        self._device: Device
+        if device == "cpu":
+            self._device = Cpu(self._caster, self.shape, self._rgb)
+        else:
+            on_gpu = load(RENDERERS[config.renderer].cuda)
+            shared = like._device if like else None
+            self._device = made = on_gpu(self._caster, self.shape, config.samples, shared)
+            # what makes it a DeviceRenderer
+            self.device_light = made.device_light
+            self._own["full_retrace"] = True
+        self._state = (
+            IrradianceState(self._caster, self._device, self._rgb)
+            if config.renderer == "hybrid"
+            else None
         )
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
@@ -148,18 +178,41 @@ class DirectRenderer(InstantLight):
         Returns:
             (h, w) float32 linear luminance.
         """
-        placed = self._place(snapshot, pose)
-        self._caster.render(*placed, self._luminance, self._rgb, self._noise, into)
-        return self._luminance if into is None else into
+        return self._device.render(self._place(snapshot, pose), self._noise(snapshot), into)
 
     def reseed(self, seed: int) -> None:
-        """Nothing here follows from a seed."""
+        """The noise follows from `seed` from the next call on."""
+        self._seed = seed
+
+    def restart(self) -> None:
+        """Forget earlier ticks: `hybrid` fills its cache anew in the next one."""
+        if self._state:
+            self._state.restart()
+
+    def save(self) -> dict[str, Any]:
+        """Named arrays of earlier ticks: of `hybrid` its cache and its last light."""
+        return self._state.save() if self._state else {}
+
+    def prepare_restore(self, saved: Mapping[str, Any]) -> Commit:
+        """Check what `save` gave; the commit puts it in place.
+
+        Raises:
+            EvsError: It is damaged.
+        """
+        return self._state.prepare_restore(saved) if self._state else lambda: None
+
+    def render_again(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
+        """See Renderer."""
+        if not self._state:
+            return self.render(snapshot, pose)
+        self._device.fetch()
+        return self._device.luminance
 
     def trace(self, snapshot: SceneSnapshot, pose: CameraPose, pixels: I32) -> F32:
         """Trace single pixels; their luminance is the same as `render` gives them.
 
         Args:
-            snapshot: The world at an instant.
+            snapshot: The world at an instant; of `hybrid`, at the end of the next tick.
             pose: Where the camera is.
             pixels: (n, 2) columns and rows inside the image.
 
@@ -167,8 +220,13 @@ class DirectRenderer(InstantLight):
             (n,) float32 linear luminance.
         """
         x, y = (np.ascontiguousarray(part, np.int32) for part in np.asarray(pixels).T)
+        if self._state:
+            # the cache is that of a tick
+            traced: F32 = self.render(snapshot, pose)[y, x]
+            return traced
         luminance = np.zeros(len(x), np.float32)
-        self._caster.trace_pixels(*self._place(snapshot, pose), x, y, luminance, self._noise)
+        poses = self._place(snapshot, pose)
+        self._caster.trace_pixels(*poses, x, y, luminance, self._noise(snapshot))
         return luminance
 
     def ground_truth(
@@ -185,9 +243,7 @@ class DirectRenderer(InstantLight):
 
     def hits(self, snapshot: SceneSnapshot, pose: CameraPose) -> tuple[I32, F32]:
         """What each pixel's centre shows: index into the scene's geoms or -1, distance in m."""
-        found = trace_hits(
-            self._caster, self._place(snapshot, pose), self._luminance.shape, self._lens
-        )
+        found = trace_hits(self._caster, self._place(snapshot, pose), self.shape, self._lens)
         return found.geom, np.where(found.geom < 0, np.float32(0), found.distance)
 
     @property
@@ -202,8 +258,8 @@ class DirectRenderer(InstantLight):
 
     @property
     def features(self) -> dict[str, bool]:
-        """Which code paths it runs, by name: as of the last tick, where that decides."""
-        return {**self._own, **self._caster.features}
+        """Which code paths it runs, by name; if a tick decides, those of the last one."""
+        return {**self._caster.features, **self._own}
 
     @property
     def work(self) -> dict[str, int]:
@@ -212,17 +268,22 @@ class DirectRenderer(InstantLight):
 
     def lend(self) -> LentRenderer | str:
         """What renders in its place, with the same bytes, in a batch; or why it cannot."""
+        if self._device.why_not_lent:
+            return self._device.why_not_lent
+        if self._fresh:
+            return "render.seeds is fresh"
         if self._deforming or len(self._stretching):
             return "the scene has shapes that deform"
         if self._own["light_gains"]:
             return "render.flicker is in use"
         if self._rgb is not None:
             return "colour is rendered too"
-        return LentRenderer(self._caster, self._luminance, self._lights, self._noise)
+        device = self._device
+        return LentRenderer(
+            self._caster, device.luminance, self._lights, self._noise(), device.uploaded
+        )
 
-    def _place(
-        self, snapshot: SceneSnapshot, pose: CameraPose
-    ) -> tuple[F64, F64, F64, F64, F64, F64]:
+    def _place(self, snapshot: SceneSnapshot, pose: CameraPose) -> Poses:
         for mesh, shape in zip(self._deforming, snapshot.deformed, strict=True):
             self._caster.deform(mesh, shape.vertices, shape.normals)
         if len(self._stretching):
@@ -233,14 +294,18 @@ class DirectRenderer(InstantLight):
             light_pos, light_dir = light_pos[lights], light_dir[lights]
         if self._own["light_gains"]:
             self._caster.set_light_gains(self._flicker.gains(snapshot)[lights])
-        return (
-            snapshot.geom_pos,
-            snapshot.geom_mat,
-            light_pos,
-            light_dir,
-            pose.pos,
-            pose.mat,
-        )
+        return snapshot.geom_pos, snapshot.geom_mat, light_pos, light_dir, pose.pos, pose.mat
+
+    def _noise(self, snapshot: SceneSnapshot | None = None) -> int:
+        """What a tick draws from; fresh seeds need its snapshot."""
+        if not self._draws:
+            return 0
+        # seeds may be negative, words may not
+        words = [self._seed % 2**64]
+        if self._fresh and snapshot is not None:
+            words.append(snapshot.t_us % 2**64)
+        drawn = np.random.SeedSequence(words).generate_state(1, np.uint32)
+        return int(drawn.view(np.int32)[0])
 
 
 def _forced(scene: SceneModel, switches: Switches) -> dict[str, bool]:

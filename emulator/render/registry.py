@@ -22,7 +22,7 @@ class RendererRow:
     """values of render.seeds; a renderer without noise has "fixed" only"""
     options: tuple[str, ...] = ()
     """what its constructor takes after scene, camera and configuration: of threads, rgb, seed,
-    switches and like (make_renderer explains them)"""
+    switches, like and device (make_renderer explains them)"""
     paths: bool = False
     """follows paths of light from every pixel: it has noise"""
     bounces: bool = False
@@ -30,7 +30,8 @@ class RendererRow:
     caches_light: bool = False
     """keeps light on surfaces from tick to tick"""
     cuda: str = ""
-    """"module:Class" of the same renderer on a GPU, with the same options; empty: there is none"""
+    """"module:Class" of its device on a GPU (evs.emulator.render.device.Device); empty: there is
+    none"""
     traced: bool = True
     """traces rays itself, and only those that a motion can touch"""
 
@@ -40,30 +41,33 @@ class RendererRow:
         return "rgb" in self.options
 
 
+NATIVE = ("threads", "rgb", "seed", "switches", "like", "device")
+"""options of NativeRenderer"""
+
 RENDERERS = {
     "direct": RendererRow(
-        "evs.emulator.render.direct:DirectRenderer",
+        "evs.emulator.render.native:NativeRenderer",
         default_spp=4,
         max_spp=64,
-        options=("threads", "rgb", "switches", "like"),
-        cuda="evs.emulator.render.gpu.direct:CudaDirectRenderer",
+        options=NATIVE,
+        cuda="evs.emulator.render.gpu.direct:DirectOnGpu",
     ),
     "hybrid": RendererRow(
-        "evs.emulator.render.hybrid:HybridRenderer",
+        "evs.emulator.render.native:NativeRenderer",
         default_spp=4,
         max_spp=64,
-        options=("threads", "rgb", "seed", "switches", "like"),
-        cuda="evs.emulator.render.gpu.hybrid:CudaHybridRenderer",
+        options=NATIVE,
+        cuda="evs.emulator.render.gpu.hybrid:HybridOnGpu",
         bounces=True,
         caches_light=True,
     ),
     "path": RendererRow(
-        "evs.emulator.render.path:PathRenderer",
+        "evs.emulator.render.native:NativeRenderer",
         default_spp=16,
         max_spp=4096,
         seeds=("fixed", "fresh", "cycle"),
-        options=("threads", "rgb", "seed", "switches", "like"),
-        cuda="evs.emulator.render.gpu.path:CudaPathRenderer",
+        options=NATIVE,
+        cuda="evs.emulator.render.gpu.path:PathOnGpu",
         paths=True,
         bounces=True,
     ),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 from evs.emulator import _core
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.gpu.driver import DEVICES, why_no_gpu
@@ -11,7 +9,7 @@ from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.scene import CameraModel, SceneModel
 from evs.emulator.config import RenderConfig
 from evs.emulator.render.cycle import CycleRenderer
-from evs.emulator.render.direct import DirectRenderer
+from evs.emulator.render.native import NativeRenderer
 from evs.emulator.render.registry import RENDERERS
 from evs.msgs import EvsError, unknown
 from evs.msgs.registry import load
@@ -60,17 +58,24 @@ def make_renderer(
             f"{config.renderer} gives no colour, only luminance: take render.renderer=direct"
         )
     like = like.renderers[0] if isinstance(like, CycleRenderer) else like
-    before = like if isinstance(like, DirectRenderer) else None
-    target = load(row.cuda if device_of(scene, config, rgb) == "cuda" else row.target)
+    before = like if isinstance(like, NativeRenderer) else None
+    device = device_of(scene, config, rgb)
     if config.seeds == "cycle":
-        one = partial(target, scene, camera, config, threads, rgb, seed, switches)
-        first = one(before)
+        parts = scene, camera, config, threads, rgb, seed, switches
+        first = NativeRenderer(*parts, before, device)
         # the others share its threads, meshes and images
-        rest = [one(first, point_set) for point_set in range(1, config.cycle_ticks)]
+        rest = [NativeRenderer(*parts, first, device, i) for i in range(1, config.cycle_ticks)]
         return CycleRenderer([first, *rest])
-    options = {"threads": threads, "rgb": rgb, "seed": seed, "switches": switches, "like": before}
+    options = {
+        "threads": threads,
+        "rgb": rgb,
+        "seed": seed,
+        "switches": switches,
+        "like": before,
+        "device": device,
+    }
     given = {name: options[name] for name in row.options}
-    made: Renderer = target(scene, camera, config, **given)
+    made: Renderer = load(row.target)(scene, camera, config, **given)
     return made
 
 

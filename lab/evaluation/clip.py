@@ -10,7 +10,7 @@ import numpy as np
 
 from evs.emulator.base.scene import F64, I32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.config import FlickerConfig, RenderConfig
-from evs.emulator.render.direct import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.world import (
     Physics,
     SnapshotTaker,
@@ -214,7 +214,7 @@ def busiest_corner(
     """Column and row of the square in which direct light changes most."""
     if side > min(camera.width, camera.height):
         raise EvsError(f"a patch of {side} px does not fit {camera.width} x {camera.height} px")
-    renderer = DirectRenderer(scene, camera, RenderConfig(renderer="direct", spp=1), 1)
+    renderer = NativeRenderer(scene, camera, RenderConfig(renderer="direct", spp=1), 1)
     looks = np.stack([np.log(renderer.render(*shot) + np.float32(0.01)) for shot in instants])
     change = np.abs(np.diff(looks, axis=0)).sum(axis=0, dtype=np.float64)
     return busiest_square(change, side)

@@ -9,7 +9,7 @@ import numpy as np
 
 from evs.emulator.base.scene import F32, I32, CameraModel, SceneModel, SceneSnapshot
 from evs.emulator.config import RenderConfig
-from evs.emulator.render import PathRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.world import (
     MjModel,
     Physics,
@@ -39,7 +39,7 @@ class TracedScene:
     """settings that all variants share"""
     threads: int
 
-    def renderer(self, variant: Variant, seed: int, shrink: int = 1) -> PathRenderer:
+    def renderer(self, variant: Variant, seed: int, shrink: int = 1) -> NativeRenderer:
         """The renderer of a variant.
 
         Args:
@@ -47,7 +47,7 @@ class TracedScene:
             seed: of all random numbers.
             shrink: the image is smaller by this factor.
         """
-        config = replace(self.render, spp=variant.spp, seeds=variant.seeds)
+        config = replace(self.render, renderer="path", spp=variant.spp, seeds=variant.seeds)
         camera = self.camera
         small = replace(
             camera,
@@ -58,7 +58,7 @@ class TracedScene:
             cx=camera.cx / shrink,
             cy=camera.cy / shrink,
         )
-        return PathRenderer(self.scene, small, config, self.threads, seed=seed)
+        return NativeRenderer(self.scene, small, config, self.threads, seed=seed)
 
     def light(self, pixels: I32, variant: Variant, seed: int, moved: Moved) -> F32:
         """Render the luminance of some pixels, (K, P) float32.

@@ -1,4 +1,4 @@
-"""The `hybrid` renderer on a GPU: the kernel of the native core, a pixel a thread.
+"""`hybrid` on a GPU: the kernel of the native core, a pixel a thread.
 
 The irradiance cache stays on the CPU, which lights its nodes. The GPU reads a copy of it, and lists
 the nodes that its pixels miss.
@@ -6,23 +6,18 @@ the nodes that its pixels miss.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator import _core
 from evs.emulator.base.gpu.arrays import DeviceLight, power_from
 from evs.emulator.base.gpu.compiler import kernels_of
 from evs.emulator.base.gpu.driver import Gpu, the_gpu
-from evs.emulator.base.protocols import Commit
-from evs.emulator.base.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
-from evs.emulator.config import RenderConfig
-from evs.emulator.render.direct import DirectRenderer, LentRenderer
-from evs.emulator.render.gpu.renderer import CudaRenderer
-from evs.emulator.render.gpu.scene import THREADS, UploadedScene
-from evs.emulator.render.hybrid import HybridRenderer
+from evs.emulator.base.scene import F32
+from evs.emulator.render.device import Poses
+from evs.emulator.render.gpu.scene import THREADS, GpuDevice, UploadedScene
 
 HEAD_BYTES = 16
 """in front of the nodes' marks: how many nodes are missing, and how often one was read, uint32"""
@@ -32,109 +27,67 @@ HIT_WORDS, NO_HIT = 3, np.uint64(2**64 - 1)
 """as in core/render/irradiance/first_readers.h"""
 
 
-class CudaHybridRenderer(CudaRenderer, HybridRenderer):
-    """`hybrid` with the bytes of the CPU, which traces the tick that fills the empty cache."""
+class HybridOnGpu(GpuDevice):
+    """The bytes of the CPU, which traces the tick that fills the empty cache."""
+
+    why_not_lent = "a GPU renders soft light camera by camera"
 
     def __init__(
-        self,
-        scene: SceneModel,
-        camera: CameraModel,
-        config: RenderConfig,
-        threads: int,
-        rgb: bool = False,
-        seed: int = 0,
-        switches: Switches = UNFORCED,
-        like: DirectRenderer | None = None,
+        self, caster: _core.Caster, shape: tuple[int, int], samples: int, shared: object
     ) -> None:
-        """Copy the scene to the GPU, and compile the kernels unless they are in the cache.
-
-        Args:
-            scene: As of DirectRenderer, without shapes that deform or stretch.
-            camera: As of DirectRenderer.
-            config: As of DirectRenderer.
-            threads: As of DirectRenderer, of what the CPU does.
-            rgb: False.
-            seed: As of PathRenderer.
-            switches: As of DirectRenderer.
-            like: As of DirectRenderer.
-
-        Raises:
-            EvsError: There is no GPU, or no memory on it.
-        """
+        """See GpuDevice."""
+        del samples, shared
         gpu = the_gpu()
-        super().__init__(scene, camera, config, threads, rgb, seed, switches, like)
-        self._there = UploadedScene(gpu, self._caster, self.shape)
-        self._luminance = self._there.luminance
-        adaptive = self._there.adaptive
-        size = self._luminance.nbytes if adaptive else 0
-        self._base, self._untextured = self._there.room(size), self._there.room(size)
+        super().__init__(gpu, caster, shape)
+        scene, adaptive = self._scene, self._scene.adaptive
+        size = self.luminance.nbytes if adaptive else 0
+        self._base, self._untextured = scene.room(size), scene.room(size)
         passes = ("hybrid", "hybrid_at_edges") if adaptive else ("hybrid",)
-        macros = {"EVS_CHANNELS": self._caster.channels, "EVS_ADAPTIVE": int(adaptive)}
+        macros = {"EVS_CHANNELS": caster.channels, "EVS_ADAPTIVE": int(adaptive)}
         offer, *self._kernels = kernels_of(gpu, "render/hybrid", ("offer_readers", *passes), macros)
-        self._cache = UploadedCache(gpu, self._there, offer)
-        self._is_here = True
+        self._cache = UploadedCache(gpu, scene, offer)
+        self.is_fetched = True
+        """whether `luminance` is the light of the last tick"""
 
-    def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
-        """As of PathRenderer."""
-        self._noise = self._noise_of(snapshot)
-        there = self._there
-        where = there.upload(self._place(snapshot, pose), self._noise)
-        if where == "there":
-            self._is_here = not self._trace()
-            if self._is_here:
-                there.layout.trace_here(self._luminance)
-                there.put_light()
+    def render(self, poses: Poses, seed: int, into: F32 | None) -> F32:
+        """See Device."""
+        scene = self._scene
+        if scene.upload(poses, seed) == "there":
+            self.is_fetched = not self._trace()
+            if self.is_fetched:
+                scene.layout.trace_here(self.luminance)
+                scene.put_light()
         if isinstance(into, DeviceLight):
-            there.copy_light(into)
+            scene.copy_light(into)
             return into  # NumPy takes it as an array
-        self._fetch()
+        self.fetch()
         if into is None:
-            return self._luminance
-        np.copyto(into, self._luminance)
+            return self.luminance
+        np.copyto(into, self.luminance)
         return into
 
     def _trace(self) -> bool:
         """Trace the passes of a tick there; False: the cache has no room, or was empty."""
-        there, trace = self._there, self._cache.trace
-        light = there.light.argument
-        if not there.adaptive:
-            return trace(False, self._kernels[0], there.frame, light, np.zeros(1, np.uint64))
+        scene, trace = self._scene, self._cache.trace
+        light = scene.light.argument
+        if not scene.adaptive:
+            return trace(False, self._kernels[0], scene.frame, light, np.zeros(1, np.uint64))
         base, untextured = self._base.argument, self._untextured.argument
         first, second = self._kernels
-        return trace(False, first, there.first_pass, base, untextured) and trace(
-            True, second, there.frame, base, untextured, light
+        return trace(False, first, scene.first_pass, base, untextured) and trace(
+            True, second, scene.frame, base, untextured, light
         )
 
-    def _fetch(self) -> None:
-        """Download the light of the last tick, unless it is here."""
-        if not self._is_here:
-            self._there.download(None)
-            self._is_here = True
+    def fetch(self) -> None:
+        """See Device."""
+        if not self.is_fetched:
+            self._scene.download(None)
+            self.is_fetched = True
 
-    def render_again(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
-        """As of Renderer."""
-        self._fetch()
-        return super().render_again(snapshot, pose)
-
-    def save(self) -> dict[str, Any]:
-        """As of HybridRenderer."""
-        self._fetch()
-        return super().save()
-
-    def prepare_restore(self, saved: Mapping[str, Any]) -> Commit:
-        """As of HybridRenderer."""
-        commit_host = super().prepare_restore(saved)
-
-        def commit() -> None:
-            commit_host()
-            self._there.put_light()
-            self._is_here = True
-
-        return commit
-
-    def lend(self) -> LentRenderer | str:
-        """As of HybridRenderer."""
-        return "a GPU renders soft light camera by camera"
+    def replace_light(self) -> None:
+        """See Device."""
+        self._scene.put_light()
+        self.is_fetched = True
 
 
 class UploadedCache:

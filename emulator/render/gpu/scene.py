@@ -133,3 +133,37 @@ class UploadedScene:
     def room(self, size: int) -> DeviceMemory:
         """So many bytes on the GPU."""
         return self._gpu.allocate(size)
+
+
+class GpuDevice:
+    """A GPU traces all pixels in every tick. It is a Device of evs.emulator.render.device."""
+
+    uploaded: object = None
+    why_not_lent: str
+
+    def __init__(self, gpu: Gpu, caster: _core.Caster, shape: tuple[int, int]) -> None:
+        """Copy the scene to the GPU.
+
+        Those of the integrators take `samples` (per pixel) and `shared` (the device of the same
+        camera's renderer until now, or None) as well.
+
+        Args:
+            gpu: Where to.
+            caster: What the CPU traces with.
+            shape: Height and width of the image, px.
+
+        Raises:
+            EvsError: There is no memory on it.
+        """
+        self._scene = UploadedScene(gpu, caster, shape)
+        self.luminance = self._scene.luminance
+
+    def device_light(self) -> DeviceLight:
+        """See DeviceRenderer."""
+        return self._scene.device_light()
+
+    def fetch(self) -> None:
+        """See Device: `render` downloads it."""
+
+    def replace_light(self) -> None:
+        """See Device: no tick reads the last one's light."""

@@ -19,8 +19,8 @@ from evs.emulator.base.scene import (
 )
 from evs.emulator.config import RenderConfig
 from evs.emulator.optics import check_distortion, is_distorted, make_lens
-from evs.emulator.render.direct import DirectRenderer
 from evs.emulator.render.instant_light import InstantLight
+from evs.emulator.render.native import NativeRenderer
 from evs.emulator.render.raster.canvas import Canvas
 from evs.emulator.render.raster.context import load_library
 from evs.emulator.render.raster.drawing import (
@@ -64,7 +64,7 @@ class RasterRenderer(InstantLight):
         self._share = make_lens(camera).share
         scene = scene if config.sites else scene.without_sites()
         self._content, self._config = scene, config
-        self._tracer: DirectRenderer | None = None
+        self._tracer: NativeRenderer | None = None
         self._lights = LightUniforms(scene, config)
         self._luminance = np.zeros((camera.height, camera.width), np.float32)
         self._canvas = Canvas(
@@ -126,7 +126,8 @@ class RasterRenderer(InstantLight):
     ) -> GroundTruth:
         """As `direct` has it: it is traced, by a tracer that is made for the first call."""
         if self._tracer is None:
-            self._tracer = DirectRenderer(self._content, self._camera, self._config, 0)
+            config = replace(self._config, renderer="direct")
+            self._tracer = NativeRenderer(self._content, self._camera, config, 0)
         return self._tracer.ground_truth(snapshot, pose, previous)
 
     @property

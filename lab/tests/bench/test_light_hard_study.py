@@ -15,7 +15,7 @@ import mujoco
 import pytest
 
 from evs.emulator.config import RenderConfig
-from evs.emulator.render import DirectRenderer, make_renderer
+from evs.emulator.render import NativeRenderer, make_renderer
 from evs.msgs import Events
 from evs_lab.metrics.compare import Comparison
 from reference.film import VIEWS
@@ -49,7 +49,7 @@ def test_events_of_hard_light(name: str, motion: str, robot_files: dict[str, Pat
     film = JudgedFilm(model, motion, WIDTH, HEIGHT, TICKS, VIEWS[name])
 
     def shoot(config: RenderConfig) -> tuple[Events, float]:
-        return film.events_by(DirectRenderer(film.scene, film.camera, config, 1))
+        return film.events_by(NativeRenderer(film.scene, film.camera, config, 1))
 
     truth, _ = shoot(RenderConfig(spp=256))
     own = film.compare(shoot(RenderConfig(spp=225))[0], truth)

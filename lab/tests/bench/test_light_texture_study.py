@@ -14,7 +14,7 @@ import pytest
 
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.config import RenderConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from evs.msgs import Events
 from evs_lab.metrics.compare import Comparison
 from reference.film import VIEWS
@@ -33,7 +33,7 @@ def test_events_of_an_orbit(name: str, robot_files: dict[str, Path]) -> None:
     film = JudgedFilm(model, "orbit", WIDTH, HEIGHT, TICKS, VIEWS[name])
 
     def shoot(config: RenderConfig, switches: Switches) -> Events:
-        renderer = DirectRenderer(film.scene, film.camera, config, 1, switches=switches)
+        renderer = NativeRenderer(film.scene, film.camera, config, 1, switches=switches)
         return film.events_by(renderer)[0]
 
     def line(c: Comparison) -> str:

@@ -13,7 +13,7 @@ import pytest
 from evs.drivers.files import calibration_yaml, stream_of
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.optics import camera_info
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.launch.main import main
 from evs.msgs import EvsError, StreamInfo
@@ -129,7 +129,7 @@ def test_camera_info_projects_points_to_where_they_are_seen(
     optics = CameraConfig(distortion_model="plumb_bob", distortion=d) if d else CameraConfig()
     bound = bind_camera(model, name, 640, 480, optics)
     snapshot, scene = SnapshotTaker(model, [bound]).snapshot(data, 0), extract_scene(model)
-    renderer = DirectRenderer(scene, bound.model, RenderConfig(spp=1), 1)
+    renderer = NativeRenderer(scene, bound.model, RenderConfig(spp=1), 1)
     geom, _ = renderer.hits(snapshot, snapshot.cameras[0])
     rows, columns = np.nonzero(scene.geom_id[geom] == model.geom("ball").id)
     info, eye = camera_info(bound.model), data.camera(name)

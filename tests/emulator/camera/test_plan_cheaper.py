@@ -17,7 +17,7 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.evsnet.model import EvsNetModel
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.render.flicker import Flicker
 from evs.emulator.sensor import SensorParameters, fixed_pattern
 from evs.emulator.sensor.aps import Aps
@@ -99,7 +99,7 @@ def count(monkeypatch: pytest.MonkeyPatch, counts: Counter[str], owner: Any, nam
 @pytest.mark.parametrize(
     ("name", "owner", "function", "calls"),
     [
-        ("ground_truth", DirectRenderer, "ground_truth", TICKS + 1),
+        ("ground_truth", NativeRenderer, "ground_truth", TICKS + 1),
         ("light_gains", Flicker, "gains", TICKS + 1),
         ("readout", Readout, "step", TICKS + 1),
         ("aps", Aps, "step", TICKS + 1),

@@ -13,7 +13,7 @@ from evs.emulator import _core
 from evs.emulator.base.scene import SceneSnapshot
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.optics import project
-from evs.emulator.render import DirectRenderer, make_renderer
+from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.world import BoundCamera, SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
 
@@ -75,10 +75,10 @@ class Film:
             mujoco.mj_step(self.model, data)
         return taken
 
-    def renderer(self, threads: int = 1, spp: int = 2, **render: object) -> DirectRenderer:
+    def renderer(self, threads: int = 1, spp: int = 2, **render: object) -> NativeRenderer:
         """A renderer of this film's camera."""
         config = RenderConfig(spp=spp, **render)  # type: ignore[arg-type]
-        return DirectRenderer(self.scene, self.bound.model, config, threads)
+        return NativeRenderer(self.scene, self.bound.model, config, threads)
 
 
 def in_camera(points: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ import pytest
 from evs.emulator.base.scene import CameraModel
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.optics import make_lens
-from evs.emulator.render import DirectRenderer, make_renderer
+from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
 
@@ -45,7 +45,7 @@ def room_light(rgb: bool = False, **optics: object):
     )
     bound = bind_camera(model, "", WIDTH, HEIGHT, replace(view, **optics))
     snapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-    renderer = DirectRenderer(extract_scene(model), bound.model, RenderConfig(spp=2), 2, rgb)
+    renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(spp=2), 2, rgb)
     return renderer, snapshot, renderer.render(snapshot, snapshot.cameras[0])
 
 

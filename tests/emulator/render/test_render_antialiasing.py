@@ -10,7 +10,7 @@ from evs.emulator import _core
 from evs.emulator.base.scene import F32, CameraPose, SceneSnapshot
 from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
-from evs.emulator.render import DirectRenderer, make_renderer
+from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.sensor import resolve_sensor
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import Events, EvsError, join_events
@@ -71,7 +71,7 @@ def room(ticks: int, tint: str = ".5 .5 .5"):
 def adaptive(scene, camera, threads: int = 1, rgb: bool = False, **render: object):
     """A renderer whose pixels at edges take 5 samples, if nothing else is said."""
     settings = {"spp": 5, "antialiasing": "adaptive", **render}
-    return DirectRenderer(scene, camera, RenderConfig(**settings), threads, rgb)  # type: ignore[arg-type]
+    return NativeRenderer(scene, camera, RenderConfig(**settings), threads, rgb)  # type: ignore[arg-type]
 
 
 def pan(poses: int, step_px: float, angle: float, **render: object) -> F32:
@@ -81,7 +81,7 @@ def pan(poses: int, step_px: float, angle: float, **render: object) -> F32:
     bound = bind_camera(model, "", WIDTH, HEIGHT, view)
     frame: SceneSnapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
     rest = frame.cameras[0]
-    renderer = DirectRenderer(extract_scene(model), bound.model, RenderConfig(**render), 1)  # type: ignore[arg-type]
+    renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(**render), 1)  # type: ignore[arg-type]
     right = rest.mat.reshape(3, 3)[:, 0] * 2.5 / bound.model.fx
     return np.stack([
         renderer.render(frame, CameraPose(rest.pos + right * (step_px * k), rest.mat)).copy()
@@ -183,7 +183,7 @@ def test_light_that_bends_more_and_more_is_blended_in() -> None:
         frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
         for mode, taken in frames.items():
             config = RenderConfig(spp=16, antialiasing=mode)
-            renderer = DirectRenderer(extract_scene(model), bound.model, config, 1)
+            renderer = NativeRenderer(extract_scene(model), bound.model, config, 1)
             taken.append(renderer.render(frame, frame.cameras[0]).copy())
     light, full = np.stack(frames["adaptive"]), np.stack(frames["fixed"])
     # at first one sample stands for all, in the end all are there
@@ -213,7 +213,7 @@ def test_events_are_those_of_16_samples_everywhere() -> None:
     sensor = resolve_sensor(pixels)
 
     def events(**render: object):
-        renderer = DirectRenderer(scene, camera, RenderConfig(**render), 1)  # type: ignore[arg-type]
+        renderer = NativeRenderer(scene, camera, RenderConfig(**render), 1)  # type: ignore[arg-type]
         model = make_event_model(sensor, ModelConfig(), 1)
         state, parts = model.init(0), []
         for frame in frames:
@@ -264,7 +264,7 @@ def test_textures_of_planes_and_the_sky_are_read_at_several_points_of_a_pixel() 
     )
 
     def light(**render: object) -> F32:
-        renderer = DirectRenderer(scene, bound.model, RenderConfig(**render), 1)  # type: ignore[arg-type]
+        renderer = NativeRenderer(scene, bound.model, RenderConfig(**render), 1)  # type: ignore[arg-type]
         return renderer.render(frame, frame.cameras[0]).copy()
 
     truth = light(spp=256)

@@ -9,8 +9,7 @@ import pytest
 
 from evs.emulator import _core
 from evs.emulator.config import RenderConfig
-from evs.emulator.render import make_renderer
-from evs.emulator.render.path import PathRenderer
+from evs.emulator.render import NativeRenderer, make_renderer
 from evs.msgs import EvsError
 from reference import path_stages
 from reference.random_scenes import RandomStage
@@ -52,7 +51,7 @@ def test_light_is_that_of_the_sets_of_the_last_ticks(m: int) -> None:
     config = replace(CYCLE, cycle_ticks=m, bounces=2)
     model, camera = stage.scene, stage.camera
     cycle = make_renderer(model, camera, config, 1, seed=5)
-    sets = [PathRenderer(model, camera, config, 1, seed=5, point_set=k) for k in range(m)]
+    sets = [NativeRenderer(model, camera, config, 1, seed=5, point_set=k) for k in range(m)]
     film = film_of(stage, 2 * m + 1)
     # before the first tick nothing has ever moved
     planes = np.stack([one.render(*film[0]) for one in sets])

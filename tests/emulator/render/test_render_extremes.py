@@ -23,7 +23,7 @@ from evs.emulator.base.scene import (
     TextureKind,
 )
 from evs.emulator.config import RenderConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from reference.scenes import camera_of, scene_of, shot_of
 
 pytestmark = pytest.mark.extremes
@@ -41,8 +41,8 @@ def everywhere(
 ) -> list[np.ndarray]:
     """The light of every shot; the same on every instruction set, kept or anew, and finite."""
     config = RenderConfig(spp=1)
-    full = DirectRenderer(scene, camera, replace(config, incremental=False), 1)
-    others = [DirectRenderer(scene, camera, replace(config, isa=isa), 2)
+    full = NativeRenderer(scene, camera, replace(config, incremental=False), 1)
+    others = [NativeRenderer(scene, camera, replace(config, isa=isa), 2)
               for isa in _core.isa_available()]  # fmt: skip
     seen = []
     for shot, pose in zip(shots, poses, strict=True):
@@ -76,7 +76,7 @@ def test_no_ray_slips_between_the_triangles_of_a_mesh(metres: float) -> None:
     inside = radius * np.sqrt(1 - (radius / metres) ** 2)
     focal = size / 2 / (0.98 * inside / np.sqrt(2) / metres)
     rng = np.random.default_rng(0)
-    renderer = DirectRenderer(scene, camera_of(size, size, focal), RenderConfig(spp=1), 1)
+    renderer = NativeRenderer(scene, camera_of(size, size, focal), RenderConfig(spp=1), 1)
     for _ in range(3):
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         turn[:, 0] *= np.sign(np.linalg.det(turn))
@@ -140,7 +140,7 @@ def test_packets_wider_than_a_right_angle_lose_nothing(
     width, height = size
     focal = height / 2 / np.tan(np.deg2rad(fovy) / 2)
     camera = camera_of(width, height, focal)
-    renderer = DirectRenderer(scene, camera, RenderConfig(spp=1), 1)
+    renderer = NativeRenderer(scene, camera, RenderConfig(spp=1), 1)
     index, _ = renderer.hits(shot_of(scene, places), looking_down(0.0))
     # against rays and spheres in NumPy
     d = camera_rays(camera)
@@ -154,8 +154,8 @@ def test_packets_wider_than_a_right_angle_lose_nothing(
 def test_a_geom_whose_pose_turns_nan_is_gone_at_once_and_back_at_once() -> None:
     scene = scene_of([Shape.PLANE, Shape.SPHERE], [[0, 0, 1], [0.4, 0, 0]])
     camera = camera_of(40, 30, 30)
-    kept = DirectRenderer(scene, camera, RenderConfig(spp=1), 1)
-    full = DirectRenderer(scene, camera, RenderConfig(spp=1, incremental=False), 1)
+    kept = NativeRenderer(scene, camera, RenderConfig(spp=1), 1)
+    full = NativeRenderer(scene, camera, RenderConfig(spp=1, incremental=False), 1)
     shots = [
         shot_of(scene, [[0, 0, 0], [0, 0, z]]) for z in (1.0, np.nan, np.nan, 1.0, np.inf, 1.0)
     ]
@@ -202,7 +202,7 @@ def test_sizes_from_a_micrometre_to_a_hundred_kilometres(shape: Shape, radius: f
     shots = [shot_of(scene, [[0, 0, 0]])] * 4
     light = everywhere(scene, camera_of(32, 32, 32), shots, poses)
     assert light[0][16, 16] > 0
-    renderer = DirectRenderer(scene, camera_of(32, 32, 32), RenderConfig(spp=1), 1)
+    renderer = NativeRenderer(scene, camera_of(32, 32, 32), RenderConfig(spp=1), 1)
     index, distance = renderer.hits(shots[0], poses[0])
     top = {Shape.CAPSULE: 2.0}.get(shape, 1.0)
     assert 0.1 < (index == 0).mean() < 1
@@ -240,7 +240,7 @@ def test_a_camera_on_and_inside_a_shape(shape: Shape, place: tuple[float, float,
         everywhere(scene, camera, shots, [looking_down(z, x, y)] * 3)
     # a closed shape around the camera is not seen
     if place == (0, 0, 0):
-        renderer = DirectRenderer(scene, camera_of(17, 13, 9), RenderConfig(spp=1), 1)
+        renderer = NativeRenderer(scene, camera_of(17, 13, 9), RenderConfig(spp=1), 1)
         assert (renderer.hits(shots[0], looking_down(0.0))[0] != 0).all()
 
 
@@ -267,7 +267,7 @@ def test_rays_along_axes_and_faces() -> None:
     # the last lies down
     mats = np.stack([EYE, EYE, EYE, [1, 0, 0, 0, 0, 1, 0, -1, 0]])
     # 8 px a m: pixels' centres are odd sixteenths, so that no ray lies on a face ...
-    renderer = DirectRenderer(scene, camera_of(32, 8, 8, True), RenderConfig(spp=1), 1)
+    renderer = NativeRenderer(scene, camera_of(32, 8, 8, True), RenderConfig(spp=1), 1)
     index, distance = renderer.hits(shot_of(scene, places, mats), looking_down(3))
     assert set(np.unique(index)) == {-1, 0, 1, 2, 3}
     np.testing.assert_array_equal(distance[index == 0], 2.5)
@@ -315,7 +315,7 @@ def test_a_skybox_without_six_faces_and_a_giant_texture_are_refused() -> None:
     flat = Texture(TextureKind.FLAT, np.zeros((4, 4, 3), np.uint8))
     scene = replace(scene_of([Shape.SPHERE], [[1, 0, 0]]), textures=(flat,), skybox=0)
     with pytest.raises(ValueError, match="six faces"):
-        DirectRenderer(scene, camera_of(4, 4, 4), RenderConfig(), 1)
+        NativeRenderer(scene, camera_of(4, 4, 4), RenderConfig(), 1)
     data = _core.SceneData()
     with pytest.raises(ValueError, match="smaller than"):
         data.add_texture(np.zeros((1, 1 << 15, 1, 1), np.uint8), True)

@@ -11,7 +11,7 @@ import pytest
 
 from evs.emulator.config import FlickerConfig, RenderConfig
 from evs.emulator.config.settings import plain_config
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.render.flicker import Flicker, mean
 from evs.emulator.simulation.world import World
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
@@ -92,7 +92,7 @@ def light_at(config: RenderConfig, t_us: int, exposure_us: int = 1000) -> np.nda
     model = mujoco.MjModel.from_xml_string(LAMPS)
     bound = bind_camera(model, "", 16, 16)
     shot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), t_us, exposure_us)
-    return DirectRenderer(extract_scene(model), bound.model, config, 1).render(
+    return NativeRenderer(extract_scene(model), bound.model, config, 1).render(
         shot, shot.cameras[0]
     )
 
@@ -128,7 +128,7 @@ def test_kept_pixels_are_lit_anew_when_the_light_changes() -> None:
     poser, data, scene = SnapshotTaker(model, [bound]), mujoco.MjData(model), extract_scene(model)
     slow = FlickerConfig(light="left", waveform="pwm", hz=125.0, depth=1.0, duty=0.5)
     kept, full = (
-        DirectRenderer(
+        NativeRenderer(
             scene, bound.model, RenderConfig(spp=1, incremental=kept, flicker=(slow,)), 1
         )
         for kept in (True, False)

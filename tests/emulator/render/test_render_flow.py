@@ -12,7 +12,7 @@ import pytest
 
 from evs.emulator.base.scene import CameraModel, CameraPose, GroundTruth, SceneSnapshot
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene, load_model
 from evs.msgs import EvsError
 
@@ -53,7 +53,7 @@ class Stage:
         self.poser = SnapshotTaker(model, [self.bound])
         self.scene = extract_scene(model)
         self.data = mujoco.MjData(model)
-        self.renderer = DirectRenderer(self.scene, self.camera, RenderConfig(spp=1), 1)
+        self.renderer = NativeRenderer(self.scene, self.camera, RenderConfig(spp=1), 1)
 
     def shot(self, t_us: int) -> SceneSnapshot:
         return self.poser.snapshot(self.data, t_us)

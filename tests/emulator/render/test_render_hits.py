@@ -11,7 +11,7 @@ import pytest
 
 from evs.emulator.base.scene import CameraModel
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene, load_model
 
 Rays = Callable[[CameraModel], np.ndarray]
@@ -67,7 +67,7 @@ def agreement(
     snapshot = SnapshotTaker(model, [bound]).snapshot(data, 0)
     pose = snapshot.cameras[0]
     # MuJoCo's rays pass through sites
-    renderer = DirectRenderer(scene, bound.model, RenderConfig(spp=4, sites=False), 1)
+    renderer = NativeRenderer(scene, bound.model, RenderConfig(spp=4, sites=False), 1)
     index, distance = renderer.hits(snapshot, pose)
     ours = np.where(index >= 0, scene.geom_id[index], -1).reshape(-1)
 
@@ -108,7 +108,7 @@ def test_orthographic_depth_is_exact() -> None:
       </worldbody></mujoco>""")
     bound = bind_camera(model, "above", 40, 40)
     snapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-    renderer = DirectRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
+    renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
     index, distance = renderer.hits(snapshot, snapshot.cameras[0])
     # 20 px a m: the lid is 20 x 10 px in the middle, 2.5 m below the camera
     expected = np.full((40, 40), -1)
@@ -126,6 +126,6 @@ def test_a_camera_inside_a_shape_sees_through_it() -> None:
       </worldbody></mujoco>""")
     bound = bind_camera(model, "eye", 16, 16)
     snapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-    renderer = DirectRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
+    renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
     index, _ = renderer.hits(snapshot, snapshot.cameras[0])
     assert (index == 1).all()

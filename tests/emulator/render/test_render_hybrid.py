@@ -17,8 +17,7 @@ from evs.emulator import World, _core
 from evs.emulator.base.features import Switches
 from evs.emulator.base.scene import CameraPose
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import make_renderer
-from evs.emulator.render.hybrid import HybridRenderer
+from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
 from reference import path_stages
@@ -34,11 +33,11 @@ REST = 3 * RENEWAL * QUARTERS
 
 def renderer_of(
     stage: RandomStage | Stage, threads: int = 1, rgb: bool = False, **render: object
-) -> HybridRenderer:
+) -> NativeRenderer:
     own = stage.render if isinstance(stage, RandomStage) else {"sky": stage.render.sky}
     config = replace(HYBRID, **{**own, **render})  # type: ignore[arg-type]
     made = make_renderer(stage.scene, stage.camera, config, threads, rgb=rgb)
-    assert isinstance(made, HybridRenderer)
+    assert isinstance(made, NativeRenderer)
     return made
 
 
@@ -77,7 +76,7 @@ def test_colour_leaves_the_luminance_as_it_is(seed: int, antialiasing: str) -> N
         assert colour.rgb is not None
         # grey light on coloured textures takes their mean colour for the luminance
         np.testing.assert_allclose(
-            colour.rgb @ [0.2126, 0.7152, 0.0722], colour._luminance, rtol=0.15, atol=0.02
+            colour.rgb @ [0.2126, 0.7152, 0.0722], colour._device.luminance, rtol=0.15, atol=0.02
         )
 
 
@@ -283,7 +282,7 @@ def test_a_saved_cache_goes_on_with_the_same_bytes() -> None:
         one.render(*instant)
     other = renderer_of(stage)
     other.prepare_restore(one.save())()
-    np.testing.assert_array_equal(other.render_again(*film[69]), one._luminance)
+    np.testing.assert_array_equal(other.render_again(*film[69]), one._device.luminance)
     for instant in film[70:]:
         np.testing.assert_array_equal(other.render(*instant), one.render(*instant))
 
@@ -326,7 +325,7 @@ def test_damaged_states_are_refused(damage: Callable[[dict], object]) -> None:
     damage(saved)
     with pytest.raises(EvsError, match="saved state is damaged"):
         renderer_of(stage).prepare_restore(saved)()
-    np.testing.assert_array_equal(one._luminance, expected)
+    np.testing.assert_array_equal(one._device.luminance, expected)
 
 
 def test_nodes_that_are_no_longer_seen_are_dropped() -> None:

@@ -18,8 +18,7 @@ import evs
 from evs.emulator.base.features import Switches
 from evs.emulator.base.scene import F32, CameraPose, LightKind, SceneSnapshot, Shape
 from evs.emulator.config import CameraConfig, FlickerConfig, RenderConfig, SensorConfig
-from evs.emulator.render import make_renderer
-from evs.emulator.render.hybrid import HybridRenderer
+from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from reference.edited import LARGE, SMALL, stage
 from reference.stage import Builder, Stage, matt, turned
@@ -95,12 +94,12 @@ class Room:
         shot = self.taker.snapshot(self.data, t_us)
         return shot, shot.cameras[0]
 
-    def renderer(self, cached: bool = True, **render: object) -> HybridRenderer:
+    def renderer(self, cached: bool = True, **render: object) -> NativeRenderer:
         """A renderer that has seen nothing yet; `cached`: whether cached light shows."""
         config = replace(HYBRID, **render)  # type: ignore[arg-type]
         off = frozenset() if cached else frozenset({"cached_light"})
         made = make_renderer(self.scene, self.bound.model, config, 1, switches=Switches(off=off))
-        assert isinstance(made, HybridRenderer)
+        assert isinstance(made, NativeRenderer)
         return made
 
 
@@ -175,7 +174,7 @@ class Take:
     """the largest change of a quarter of a node's paths, as light of a pixel"""
 
 
-def quarters_of(renderer: HybridRenderer) -> dict[tuple[int, ...], F32]:
+def quarters_of(renderer: NativeRenderer) -> dict[tuple[int, ...], F32]:
     """Node -> the means of its quarters' paths, (4, 3)."""
     saved = renderer.save()
     quarters = saved["light"][:, 9:21].reshape(-1, QUARTERS, 3) / PATHS

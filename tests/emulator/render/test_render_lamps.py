@@ -11,7 +11,7 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.base.scene import LightKind, SceneModel
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
 
@@ -28,7 +28,7 @@ def seen(
     frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
     # the images of image lights hold linear values here
     config = RenderConfig(**{"spp": 1, "linear_textures": ("sky",), **render})  # type: ignore[arg-type]
-    renderer = DirectRenderer(scene or extract_scene(model), bound.model, config, 1, rgb=True)
+    renderer = NativeRenderer(scene or extract_scene(model), bound.model, config, 1, rgb=True)
     renderer.render(frame, frame.cameras[0])
     assert renderer.rgb is not None
     return renderer.rgb.astype(np.float64)
@@ -283,7 +283,7 @@ def test_air_and_image_are_the_same_bytes_everywhere(isa: str) -> None:
     shot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
     shot = replace(shot, light_pos=np.zeros((1, 3)), light_dir=np.array([[0, 0, -1.0]]))
     taken = {
-        DirectRenderer(scene, bound.model, RenderConfig(spp=2, fog=True, isa=i), threads)
+        NativeRenderer(scene, bound.model, RenderConfig(spp=2, fog=True, isa=i), threads)
         .render(shot, shot.cameras[0])
         .tobytes()
         for i, threads in (("portable", 1), (isa, 1), (isa, 3))

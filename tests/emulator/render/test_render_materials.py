@@ -19,7 +19,7 @@ from evs.emulator.base.scene import (
     TextureKind,
 )
 from evs.emulator.config import RenderConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from reference.scenes import camera_of, scene_of, shot_of
 
 SIZE = 24
@@ -82,7 +82,7 @@ class Look:
         lamps = np.zeros((len(lights), 3))
         self.shot = shot_of(scene, [0, 0, 0], None, lamps, -self.towards_light)
         config = RenderConfig(**{"spp": 1, **render})  # type: ignore[arg-type]
-        renderer = DirectRenderer(scene, camera, config, 1, rgb=True)
+        renderer = NativeRenderer(scene, camera, config, 1, rgb=True)
         self.luminance = renderer.render(self.shot, self.pose).copy()
         assert renderer.rgb is not None
         self.rgb = renderer.rgb[SIZE // 2, SIZE // 2].astype(np.float64)

@@ -7,7 +7,7 @@ import pytest
 
 from evs.emulator.base.scene import LightKind, Mesh, Shape
 from evs.emulator.config import RenderConfig
-from evs.emulator.render import DirectRenderer, make_renderer
+from evs.emulator.render import NativeRenderer, make_renderer
 from reference.stage import Builder, Stage, matt
 from reference.tessellation import ball, waves
 
@@ -56,7 +56,7 @@ def stage_of(mesh: Mesh, apart: bool) -> Stage:
 def test_a_tree_hits_what_its_triangles_hit(name: str) -> None:
     whole, apart = (stage_of(MESHES[name], apart) for apart in (False, True))
     seen = [
-        DirectRenderer(stage.scene, stage.camera, RenderConfig(spp=1), 1).hits(
+        NativeRenderer(stage.scene, stage.camera, RenderConfig(spp=1), 1).hits(
             stage.shot, stage.pose
         )
         for stage in (whole, apart)

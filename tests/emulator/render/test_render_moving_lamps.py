@@ -12,7 +12,7 @@ import pytest
 
 from evs.emulator.base.scene import SceneSnapshot
 from evs.emulator.config import CameraConfig, FlickerConfig, RenderConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 WIDTH, HEIGHT = 118, 90  # no multiple of a packet, nor of a block of them
@@ -90,16 +90,16 @@ class Set:
         pos[index] += by
         self.shot = replace(self.shot, geom_pos=pos)
 
-    def renderer(self, incremental: bool, threads: int = 1, **render: Any) -> DirectRenderer:
+    def renderer(self, incremental: bool, threads: int = 1, **render: Any) -> NativeRenderer:
         """A renderer of it."""
         config = RenderConfig(incremental=incremental, **render)
-        return DirectRenderer(self.scene, self.bound.model, config, threads)
+        return NativeRenderer(self.scene, self.bound.model, config, threads)
 
 
 Script = Callable[[Set, int], None]
 
 
-def tick(kept: DirectRenderer, full: DirectRenderer, shot: SceneSnapshot) -> tuple[int, int]:
+def tick(kept: NativeRenderer, full: NativeRenderer, shot: SceneSnapshot) -> tuple[int, int]:
     """Packets that were traced and lit again; the light has to be that of a full frame."""
     before = kept.work
     light = kept.render(shot, shot.cameras[0]).tobytes()
@@ -183,7 +183,7 @@ def test_colour_beside_the_luminance_too(render: dict[str, Any]) -> None:
     stage = Set()
     config = RenderConfig(**render)
     kept, full = (
-        DirectRenderer(
+        NativeRenderer(
             stage.scene, stage.bound.model, replace(config, incremental=incremental), 1, rgb=True
         )
         for incremental in (True, False)

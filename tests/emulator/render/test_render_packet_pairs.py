@@ -7,7 +7,7 @@ import pytest
 
 from evs.emulator import _core
 from evs.emulator.config import RenderConfig
-from evs.emulator.render import DirectRenderer, make_renderer
+from evs.emulator.render import NativeRenderer, make_renderer
 from reference.random_scenes import RandomStage
 
 pytestmark = pytest.mark.property
@@ -32,7 +32,7 @@ def test_a_frame_is_its_pixels_one_by_one(antialiasing: str, rich: bool) -> None
             light = [renderer.render(frame, pose).tobytes() for renderer in renderers]
             assert len(set(light)) == 1, seed
             fastest = renderers[0]
-            assert isinstance(fastest, DirectRenderer)
+            assert isinstance(fastest, NativeRenderer)
             assert fastest.trace(frame, pose, pixels).tobytes() == light[0], seed
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from evs.emulator.base.scene import F32
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import PathRenderer, make_renderer
+from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
 
@@ -38,13 +38,13 @@ class Room:
         self.scene = extract_scene(self.model)
         self.poser = SnapshotTaker(self.model, [self.bound])
 
-    def renderer(self, threads: int = 2, seed: int = 0, **render: object) -> PathRenderer:
+    def renderer(self, threads: int = 2, seed: int = 0, **render: object) -> NativeRenderer:
         config = RenderConfig(**{"renderer": "path", **render})  # type: ignore[arg-type]
         made = make_renderer(self.scene, self.bound.model, config, threads, True, seed)
-        assert isinstance(made, PathRenderer)
+        assert isinstance(made, NativeRenderer)
         return made
 
-    def see(self, renderer: PathRenderer, t_us: int = 0) -> F32:
+    def see(self, renderer: NativeRenderer, t_us: int = 0) -> F32:
         shot = self.poser.snapshot(self.data, t_us)
         return renderer.render(shot, shot.cameras[0]).copy()
 

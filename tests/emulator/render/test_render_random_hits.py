@@ -10,7 +10,7 @@ import pytest
 
 from evs.emulator.base.scene import CameraModel
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 pytestmark = pytest.mark.property
@@ -53,7 +53,7 @@ def test_random_worlds_are_hit_where_mujoco_hits_them(
     bound = bind_camera(model, "", WIDTH, HEIGHT, view)
     shot = SnapshotTaker(model, [bound]).snapshot(data, 0)
     pose, camera, scene = shot.cameras[0], bound.model, extract_scene(model)
-    index, distance = DirectRenderer(scene, camera, RenderConfig(spp=1), 1).hits(shot, pose)
+    index, distance = NativeRenderer(scene, camera, RenderConfig(spp=1), 1).hits(shot, pose)
 
     d = camera_rays(camera).reshape(-1, 3) @ pose.mat.reshape(3, 3).T
     theirs, depth = np.zeros(len(d), np.int32), np.zeros(len(d))

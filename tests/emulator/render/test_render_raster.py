@@ -20,7 +20,7 @@ from evs.emulator import World
 from evs.emulator.base.features import Switches
 from evs.emulator.base.scene import CameraModel, ObjectKind, SceneModel, SceneSnapshot
 from evs.emulator.config import CameraConfig, PlanConfig, RenderConfig
-from evs.emulator.render import DirectRenderer, make_renderer
+from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.render.raster import RasterRenderer, context
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene, load_model
 from evs.msgs import EvsError
@@ -161,7 +161,7 @@ def test_silhouettes_and_light_agree_with_direct(name: str, robot_files: dict[st
     config = RenderConfig(spp=1, shadows=False)
     # OpenGL reads an image once
     once = Switches.of(PlanConfig(off=("texture_filter",)))
-    direct = DirectRenderer(scene, camera, config, 1, switches=once)
+    direct = NativeRenderer(scene, camera, config, 1, switches=once)
     raster = RasterRenderer(scene, camera, config)
     pose = snapshot.cameras[0]
 
@@ -308,7 +308,7 @@ def test_a_pinhole_off_its_centre_agrees_with_direct() -> None:
         for name in ("raster", "direct")
     )
     assert isinstance(raster, RasterRenderer)
-    assert isinstance(direct, DirectRenderer)
+    assert isinstance(direct, NativeRenderer)
     geom, expected = (r.hits(snapshot, snapshot.cameras[0])[0] for r in (raster, direct))
     assert 200 < (expected == 0).sum() < 2500
     # single pixels of the rim
@@ -393,7 +393,7 @@ def test_tendons_ropes_and_sites_are_those_of_the_tracer() -> None:
     scene, camera, snapshot = staged(model, view, (64, 48), 20)
     pose = snapshot.cameras[0]
     for sites in (True, False):
-        traced = DirectRenderer(scene, camera, RenderConfig(spp=1, sites=sites), 1)
+        traced = NativeRenderer(scene, camera, RenderConfig(spp=1, sites=sites), 1)
         drawn = make_renderer(scene, camera, RenderConfig(renderer="raster", spp=1, sites=sites), 1)
         ours, theirs = drawn.hits(snapshot, pose)[0], traced.hits(snapshot, pose)[0]
         assert np.mean(ours == theirs) > 0.995

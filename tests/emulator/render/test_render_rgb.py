@@ -8,7 +8,7 @@ import pytest
 
 from evs.emulator import _core
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
@@ -42,8 +42,8 @@ def test_luminance_is_byte_equal_and_is_the_weighted_colour(
     data, bound = mujoco.MjData(model), bind_camera(model, "", 57, 43, VIEW)
     poser, scene = SnapshotTaker(model, [bound]), extract_scene(model)
     config = RenderConfig(spp=3, isa=isa)
-    plain = DirectRenderer(scene, bound.model, config, 1)
-    colour = DirectRenderer(scene, bound.model, config, 2, rgb=True)
+    plain = NativeRenderer(scene, bound.model, config, 1)
+    colour = NativeRenderer(scene, bound.model, config, 2, rgb=True)
     assert (plain._caster.channels, colour._caster.channels) == channels
     pixels = np.array([[0, 0], [30, 20], [56, 42]], np.int32)
     for k in range(5):
@@ -60,7 +60,7 @@ def test_luminance_is_byte_equal_and_is_the_weighted_colour(
     assert colour.rgb.shape == (43, 57, 3)
     luminance = colour.render(shot, pose)
     np.testing.assert_allclose(colour.rgb @ WEIGHTS, luminance, rtol=1e-4, atol=1e-6)
-    anew = DirectRenderer(scene, bound.model, config, 1, rgb=True)
+    anew = NativeRenderer(scene, bound.model, config, 1, rgb=True)
     anew.render(shot, pose)
     np.testing.assert_array_equal(anew.rgb, colour.rgb)
     assert plain.rgb is None
@@ -81,7 +81,7 @@ def test_a_red_box_in_white_light_is_red(look: str) -> None:
       </worldbody></mujoco>""")
     bound = bind_camera(model, "c", 4, 4)
     shot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-    renderer = DirectRenderer(extract_scene(model), bound.model, RenderConfig(), 1, rgb=True)
+    renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(), 1, rgb=True)
     renderer.render(shot, shot.cameras[0])
     # MuJoCo's own image has 8 bits
     green = 127 / 255 if "image" in look else 0.5

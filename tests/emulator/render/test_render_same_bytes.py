@@ -13,7 +13,7 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.base.scene import CameraPose, SceneSnapshot
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import DirectRenderer, make_renderer
+from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from reference.path_stages import metal_bulb
 
@@ -73,10 +73,10 @@ class Film:
             mujoco.mj_step(self.model, data)
         return taken
 
-    def renderer(self, threads: int = 1, **render: object) -> DirectRenderer:
+    def renderer(self, threads: int = 1, **render: object) -> NativeRenderer:
         """A renderer of this scene with 2 samples a pixel."""
         config = RenderConfig(spp=2, **render)  # type: ignore[arg-type]
-        return DirectRenderer(self.scene, self.bound.model, config, threads)
+        return NativeRenderer(self.scene, self.bound.model, config, threads)
 
 
 @pytest.mark.parametrize("tint", [".5 .5 .5", ".5 .3 .2"], ids=["grey", "coloured"])
@@ -158,7 +158,7 @@ def test_incremental_equals_full_tracing_on_robots(name: str, robot_files: dict[
     bound = bind_camera(model, "", WIDTH, HEIGHT, CameraConfig(azimuth=70, elevation=-20))
     poser, scene, data = SnapshotTaker(model, [bound]), extract_scene(model), mujoco.MjData(model)
     kept, full = (
-        DirectRenderer(scene, bound.model, RenderConfig(spp=1, incremental=incremental), 2)
+        NativeRenderer(scene, bound.model, RenderConfig(spp=1, incremental=incremental), 2)
         for incremental in (True, False)
     )
     rng = np.random.default_rng(1)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.config import RenderConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from reference.random_scenes import RandomStage, check_film
 
 pytestmark = pytest.mark.property
@@ -79,7 +79,7 @@ def test_four_samples_are_the_mean_of_four_shifted_pictures() -> None:
         total = np.zeros((camera.height, camera.width), np.float32)
         for x, y in places:
             moved = replace(camera, cx=camera.cx + 0.5 - x, cy=camera.cy + 0.5 - y)
-            renderer = DirectRenderer(stage.scene, moved, RenderConfig(spp=1), 1)
+            renderer = NativeRenderer(stage.scene, moved, RenderConfig(spp=1), 1)
             total += renderer.render(frame, stage.pose)
         light = stage.renderer(spp=4).render(frame, stage.pose)
         np.testing.assert_array_equal(light, total * np.float32(0.25), f"{seed}")

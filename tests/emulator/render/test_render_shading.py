@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import DirectRenderer, make_renderer
+from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
 
@@ -28,7 +28,7 @@ def light_of(
     bound = bind_camera(model, "", size, size, view)
     frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
     config = RenderConfig(**{"spp": 1, **render})  # type: ignore[arg-type]
-    renderer = DirectRenderer(extract_scene(model), bound.model, config, 1)
+    renderer = NativeRenderer(extract_scene(model), bound.model, config, 1)
     return renderer.render(frame, frame.cameras[0]).astype(np.float64)
 
 
@@ -203,7 +203,7 @@ def test_cube_texture_puts_its_faces_where_opengl_does() -> None:
         )
         bound = bind_camera(model, "", 8, 8, spec_view)
         frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-        renderer = DirectRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
+        renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
         seen = renderer.render(frame, frame.cameras[0])
         np.testing.assert_allclose(seen, linear(round(255 * faces[name]) / 255), rtol=1e-4)
 

@@ -10,7 +10,7 @@ import pytest
 
 from evs.emulator.base.scene import CameraModel
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 pytestmark = pytest.mark.property
@@ -50,7 +50,7 @@ def test_shadows_lie_where_mujocos_rays_are_stopped(
     shot = SnapshotTaker(model, [bound]).snapshot(data, 0)
     pose, scene = shot.cameras[0], extract_scene(model)
     lit, unshadowed = (
-        DirectRenderer(scene, bound.model, RenderConfig(spp=1, shadows=shadows), 1)
+        NativeRenderer(scene, bound.model, RenderConfig(spp=1, shadows=shadows), 1)
         for shadows in (True, False)
     )
     index, distance = lit.hits(shot, pose)

@@ -18,7 +18,7 @@ from evs.emulator.base.scene import (
 )
 from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.sensor import resolve_sensor
 from reference.scenes import camera_of, scene_of, shot_of
 
@@ -63,7 +63,7 @@ def filtered(spp: int) -> list[F32]:
     """The light of every tick."""
     # the horizon lies on the image's upper rim
     scene, camera = floor(), replace(camera_of(WIDTH, HEIGHT, FOCAL), cy=0.0)
-    tracer = DirectRenderer(scene, camera, RenderConfig(spp=spp), 1)
+    tracer = NativeRenderer(scene, camera, RenderConfig(spp=spp), 1)
     return [
         tracer.render(shot_of(scene, [0, 0, 0], t_us=1000 * tick), pose(tick)).copy()
         for tick in range(TICKS)

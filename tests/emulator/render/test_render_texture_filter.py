@@ -22,7 +22,7 @@ from evs.emulator.base.scene import (
     TextureKind,
 )
 from evs.emulator.config import RenderConfig
-from evs.emulator.render import DirectRenderer, make_renderer
+from evs.emulator.render import NativeRenderer, make_renderer
 from reference.scenes import scene_of, shot_of
 
 SIZE = 64
@@ -148,7 +148,7 @@ def test_every_shape_is_the_same_bytes_everywhere(kind: TextureKind, bent: bool)
     pixels = rng.integers(0, SIZE, (50, 2)).astype(np.int32)
     light = {}
     for isa in _core.isa_available():
-        renderer = DirectRenderer(scene, camera, RenderConfig(spp=1, isa=isa), 1)
+        renderer = NativeRenderer(scene, camera, RenderConfig(spp=1, isa=isa), 1)
         light[isa] = renderer.render(shot, pose).copy()
         assert len(np.unique(light[isa])) > 500
         picked = renderer.trace(shot, pose, pixels)

@@ -18,7 +18,7 @@ from evs.emulator.base.scene import (
     TextureKind,
 )
 from evs.emulator.config import RenderConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from reference.scenes import camera_of, scene_of, shot_of
 
 pytestmark = pytest.mark.property
@@ -70,7 +70,7 @@ class Look:
         camera = camera_of(SIZE, SIZE, 1.3 * SIZE)
         pose = CameraPose(place + back, axes.reshape(9))
         shot = shot_of(scene, place, self.turn)
-        renderer = DirectRenderer(scene, camera, RenderConfig(spp=1), 1)
+        renderer = NativeRenderer(scene, camera, RenderConfig(spp=1), 1)
         self.light = renderer.render(shot, pose).copy()
         index, distance = renderer.hits(shot, pose)
         self.hit = index == 0

@@ -10,7 +10,7 @@ import pytest
 
 from evs.emulator import _core
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 WIDTH, HEIGHT = 97, 61
@@ -27,7 +27,7 @@ def stage(path: Path, isa: str = "auto", spp: int = 3):
     bound = bind_camera(model, "", WIDTH, HEIGHT, view)
     snapshot = SnapshotTaker(model, [bound]).snapshot(data, 0)
     config = RenderConfig(spp=spp, isa=isa)
-    renderer = DirectRenderer(extract_scene(model), bound.model, config, 2)
+    renderer = NativeRenderer(extract_scene(model), bound.model, config, 2)
     return renderer, snapshot, snapshot.cameras[0]
 
 
@@ -63,7 +63,7 @@ def test_a_moved_scene_is_traced_where_it_is(robot_files: dict[str, Path]) -> No
     data = mujoco.MjData(model)
     bound = bind_camera(model, "", WIDTH, HEIGHT, CameraConfig(azimuth=80, elevation=-20))
     poser = SnapshotTaker(model, [bound])
-    renderer = DirectRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
+    renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
     everywhere = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), -1).reshape(-1, 2)
     for _ in range(4):
         for _ in range(20):

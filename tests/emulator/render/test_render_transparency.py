@@ -8,7 +8,7 @@ import pytest
 
 from evs.emulator import _core
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 GLOW = '<material name="{0}" emission="1" specular="0" rgba="{1} {1} {1} {2}"/>'
@@ -31,7 +31,7 @@ def seen(model: mujoco.MjModel, isa: str = "auto") -> tuple[np.ndarray, np.ndarr
     """Luminance, and index of what is hit first."""
     bound = bind_camera(model, "", 8, 8)
     frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-    renderer = DirectRenderer(extract_scene(model), bound.model, RenderConfig(spp=1, isa=isa), 1)
+    renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(spp=1, isa=isa), 1)
     light = renderer.render(frame, frame.cameras[0]).astype(float)
     return light, renderer.hits(frame, frame.cameras[0])[0]
 
@@ -76,7 +76,7 @@ def test_a_transparent_mirror_is_no_mirror() -> None:
         model = mujoco.MjModel.from_xml_string(xml.format(alpha))
         bound = bind_camera(model, "", 48, 48)
         frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-        renderer = DirectRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
+        renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
         light = renderer.render(frame, frame.cameras[0])
         np.testing.assert_allclose(np.unique(light), values, atol=1e-6)
 
@@ -96,7 +96,7 @@ def test_what_moves_behind_glass_is_traced_again() -> None:
     poser, scene, data = SnapshotTaker(model, [bound]), extract_scene(model), mujoco.MjData(model)
     data.qvel[:] = (3, 0, 0, 5, 4, 3)
     kept, full = (
-        DirectRenderer(scene, bound.model, RenderConfig(spp=2, incremental=incremental), 2)
+        NativeRenderer(scene, bound.model, RenderConfig(spp=2, incremental=incremental), 2)
         for incremental in (True, False)
     )
     fractions = []

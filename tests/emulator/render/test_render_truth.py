@@ -12,7 +12,7 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.base.scene import CameraModel, CameraPose, GroundTruth
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.world import BoundCamera, SnapshotTaker, bind_camera, extract_scene
 
 Rays = Callable[[CameraModel], np.ndarray]
@@ -34,7 +34,7 @@ def truth_of(
     bound = bind_camera(model, "", WIDTH, HEIGHT, view)
     shot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 7000)
     config = RenderConfig(**{"spp": 4, **render})  # type: ignore[arg-type]
-    renderer = DirectRenderer(extract_scene(model), bound.model, config, 2)
+    renderer = NativeRenderer(extract_scene(model), bound.model, config, 2)
     return renderer.ground_truth(shot, shot.cameras[0]), bound, shot.cameras[0]
 
 
@@ -187,7 +187,7 @@ def test_the_light_after_it_is_as_without_it() -> None:
     bound = bind_camera(model, "", WIDTH, HEIGHT, VIEW)
     poser = SnapshotTaker(model, [bound])
     scene = extract_scene(model)
-    asked, plain = (DirectRenderer(scene, bound.model, RenderConfig(), 1) for _ in range(2))
+    asked, plain = (NativeRenderer(scene, bound.model, RenderConfig(), 1) for _ in range(2))
     for k in range(20):
         mujoco.mj_step(model, data)
         shot = poser.snapshot(data, k)

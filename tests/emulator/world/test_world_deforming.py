@@ -12,7 +12,7 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.base.scene import Shape
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import DirectRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene, load_model
 
 CLOTH = """
@@ -74,7 +74,7 @@ def test_cloth_and_block_are_seen_and_a_rope_as_capsules(cloth) -> None:
     assert not scene.geom_static[2:].any()
     bound = bind_camera(cloth, "", 80, 60, VIEW)
     snapshot = SnapshotTaker(cloth, [bound]).snapshot(mujoco.MjData(cloth), 0)
-    renderer = DirectRenderer(scene, bound.model, RenderConfig(spp=1), 1)
+    renderer = NativeRenderer(scene, bound.model, RenderConfig(spp=1), 1)
     index, distance = renderer.hits(snapshot, snapshot.cameras[0])
     assert set(np.unique(index)) >= {0, 2, 3, 4, 5, 6, 7}
     assert (distance[index >= 2] > 1).all()
@@ -117,9 +117,9 @@ def test_what_deforms_is_traced_again_and_all_machines_agree(cloth) -> None:
     data = mujoco.MjData(cloth)
     bound = bind_camera(cloth, "", 80, 60, VIEW)
     poser, scene = SnapshotTaker(cloth, [bound]), extract_scene(cloth)
-    full = DirectRenderer(scene, bound.model, RenderConfig(spp=1, incremental=False), 1)
+    full = NativeRenderer(scene, bound.model, RenderConfig(spp=1, incremental=False), 1)
     others = [
-        DirectRenderer(scene, bound.model, RenderConfig(spp=1, isa=isa), 2)
+        NativeRenderer(scene, bound.model, RenderConfig(spp=1, isa=isa), 2)
         for isa in _core.isa_available()
     ]
     first = None
@@ -139,7 +139,7 @@ def test_what_deforms_is_traced_again_and_all_machines_agree(cloth) -> None:
 def test_a_mesh_takes_only_its_own_number_of_vertices(cloth) -> None:
     scene = extract_scene(cloth)
     bound = bind_camera(cloth, "", 8, 6, VIEW)
-    renderer = DirectRenderer(scene, bound.model, RenderConfig(spp=1), 1)
+    renderer = NativeRenderer(scene, bound.model, RenderConfig(spp=1), 1)
     few = np.zeros((3, 3), np.float32)
     for mesh in (-1, 99):
         with pytest.raises(ValueError, match="does not exist"):

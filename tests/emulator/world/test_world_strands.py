@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -12,7 +13,7 @@ from evs.emulator import _core
 from evs.emulator.base.scene import ObjectKind, SceneModel, SceneSnapshot
 from evs.emulator.camera.scene_plan import contents_of
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import DirectRenderer, PathRenderer
+from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene, load_model
 from evs.emulator.world.tendons import catenary
 
@@ -227,13 +228,14 @@ def test_a_string_has_its_length_and_hangs_as_a_chain_does(end, length) -> None:
     assert (np.diff(points[1:-1, 2], 2) > -1e-9).all()
 
 
-@pytest.mark.parametrize("renderer", [DirectRenderer, PathRenderer])
+@pytest.mark.parametrize("renderer", ["direct", "path"])
 def test_what_stretches_is_traced_again_and_all_machines_agree(marks, renderer) -> None:
     data, bound = mujoco.MjData(marks), bind_camera(marks, "", 64, 48, VIEW)
     poser, scene = SnapshotTaker(marks, [bound]), extract_scene(marks)
-    full = renderer(scene, bound.model, RenderConfig(spp=1, incremental=False), 1)
+    once = RenderConfig(renderer, spp=1)
+    full = NativeRenderer(scene, bound.model, replace(once, incremental=False), 1)
     others = [
-        renderer(scene, bound.model, RenderConfig(spp=1, isa=isa), 2)
+        NativeRenderer(scene, bound.model, replace(once, isa=isa), 2)
         for isa in _core.isa_available()
     ]
     first, least = None, 1.0
@@ -252,7 +254,7 @@ def test_what_stretches_is_traced_again_and_all_machines_agree(marks, renderer) 
 
 def test_a_geom_takes_a_new_size_only_if_it_has_one(marks) -> None:
     bound = bind_camera(marks, "", 8, 6, VIEW)
-    caster = DirectRenderer(extract_scene(marks), bound.model, RenderConfig(spp=1), 1)._caster
+    caster = NativeRenderer(extract_scene(marks), bound.model, RenderConfig(spp=1), 1)._caster
     size = np.ones((1, 3), np.float32)
     for geom in (-1, 999):
         with pytest.raises(ValueError, match="does not exist"):
@@ -273,7 +275,7 @@ def test_one_key_hides_the_sites_and_the_plan_counts_them(marks) -> None:
     for name, model, sites in (("shown", bare, True), ("off", bare, False), ("none", none, True)):
         scene, config = extract_scene(model), RenderConfig(spp=1, sites=sites)
         snapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-        renderer = DirectRenderer(scene, bound.model, config, 1)
+        renderer = NativeRenderer(scene, bound.model, config, 1)
         lights[name] = renderer.render(snapshot, snapshot.cameras[0]).copy()
         truth = renderer.ground_truth(snapshot, snapshot.cameras[0])
         seen = truth.geom_id < -2 - model.nskin - model.nflex + 1
@@ -306,7 +308,7 @@ def test_what_stretches_moves_with_its_ends() -> None:
     before = poser.snapshot(data, 0)
     data.qpos[:] = 1e-3, 2e-3
     now = poser.snapshot(data, 1000)
-    renderer = DirectRenderer(scene, bound.model, RenderConfig(spp=1), 1)
+    renderer = NativeRenderer(scene, bound.model, RenderConfig(spp=1), 1)
     truth = renderer.ground_truth(now, now.cameras[0], (before, before.cameras[0]))
     tendon = truth.geom_id == -2 - model.nsite
     assert tendon.sum() > 50

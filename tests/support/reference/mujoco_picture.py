@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from evs.emulator.base.scene import F32, I32, U8, CameraModel, CameraPose
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import DirectRenderer, PathRenderer, make_renderer
+from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from speed.elsewhere import Elsewhere, elsewhere
 from speed.mujoco_gl import make_context
@@ -121,7 +121,7 @@ class MujocoPictures:
         pose = snapshot.cameras[0]
         render = render or RenderConfig(spp=16)
         renderer = make_renderer(scene, bound.model, render, 1, rgb=True)
-        assert isinstance(renderer, DirectRenderer | PathRenderer)
+        assert isinstance(renderer, NativeRenderer)
         renderer.render(snapshot, pose)
         assert renderer.rgb is not None
         ours, (rows, _) = renderer.rgb.copy(), renderer.hits(snapshot, pose)

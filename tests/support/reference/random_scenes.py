@@ -22,7 +22,7 @@ from evs.emulator.base.scene import (
     TextureKind,
 )
 from evs.emulator.config import FlickerConfig, RenderConfig
-from evs.emulator.render import DirectRenderer, make_renderer
+from evs.emulator.render import NativeRenderer, make_renderer
 from reference.scenes import camera_of, scene_of, shot_of
 
 Random = np.random.Generator
@@ -297,9 +297,9 @@ class RandomStage:
             cx=camera.cx + dx,
             cy=camera.cy + dy,
         )
-        chosen = {"spp": 1, "incremental": False, **self.render, **render}
+        chosen = {"spp": 1, "incremental": False, **self.render, **render, "renderer": "direct"}
         config = RenderConfig(**chosen)  # type: ignore[arg-type]
-        light = DirectRenderer(self.scene, larger, config, 1).render(frame, pose)
+        light = NativeRenderer(self.scene, larger, config, 1).render(frame, pose)
         return light[dy : dy + camera.height, dx : dx + camera.width].copy()
 
 

@@ -13,7 +13,7 @@ from evs.emulator import _core
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.scene import CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import DirectRenderer, make_renderer
+from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 WIDTH, HEIGHT = 346, 260
@@ -118,7 +118,7 @@ def film(view: View, ticks: int) -> list[SceneSnapshot]:
 
 def share_of_the_same_geoms(view: View, camera_rays: Rays) -> float:
     """Of the pixels: where both find the same, a geom or nothing."""
-    renderer = DirectRenderer(view.content, view.camera, RenderConfig(sites=False), 1)
+    renderer = NativeRenderer(view.content, view.camera, RenderConfig(sites=False), 1)
     index, _ = renderer.hits(view.shot, view.pose)
     ours = np.where(index < 0, -1, view.content.geom_id[index])
     return float((ours == view.multi_ray(camera_rays)()).mean())
