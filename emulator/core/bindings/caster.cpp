@@ -288,7 +288,7 @@ void trace_pixels(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> ge
                   In<double, N, 3> light_pos, In<double, N, 3> light_dir, In<double, 3> camera_pos,
                   In<double, 9> camera_mat, In<int32_t, N> x, In<int32_t, N> y,
                   Out<float, N> luminance, int seed) {
-  require(!b.caster.irradiance(), "single pixels of hybrid are those of render");
+  require(!b.caster.hybrid(), "single pixels of hybrid are those of render");
   Poses poses = checked_poses(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
   size_t count = x.shape(0);
   require(y.shape(0) == count && luminance.shape(0) == count,
@@ -322,22 +322,22 @@ void cycle_light(In<float, N, N, N> planes, In<float, N, N> before, int newest,
 std::tuple<long, int> save_irradiance(const BoundCaster& b,
                                       Out<int32_t, N, IrradianceCache::STATE_INTS> numbers,
                                       Out<float, N, IrradianceCache::STATE_FLOATS> light) {
-  const IrradianceCache* cache = b.caster.irradiance();
-  require(cache, "only hybrid has an irradiance cache");
-  size_t nodes = static_cast<size_t>(cache->size());
+  require(b.caster.hybrid(), "only hybrid has an irradiance cache");
+  const IrradianceCache& cache = b.caster.hybrid()->irradiance();
+  size_t nodes = static_cast<size_t>(cache.size());
   require(numbers.shape(0) == nodes && light.shape(0) == nodes, "as many rows as nodes");
-  cache->save(numbers.data(), light.data());
-  return {cache->tick(), cache->coarser()};
+  cache.save(numbers.data(), light.data());
+  return {cache.tick(), cache.coarser()};
 }
 
 bool restore_irradiance(BoundCaster& b, long tick, int coarser,
                         In<int32_t, N, IrradianceCache::STATE_INTS> numbers,
                         In<float, N, IrradianceCache::STATE_FLOATS> light) {
-  require(b.caster.irradiance(), "only hybrid has an irradiance cache");
+  require(b.caster.hybrid(), "only hybrid has an irradiance cache");
   require(numbers.shape(0) == light.shape(0) && light.shape(0) < (1u << 28),
           "numbers and light of as many nodes");
-  return b.caster.restore_irradiance(tick, coarser, static_cast<int>(light.shape(0)),
-                                     numbers.data(), light.data());
+  return b.caster.hybrid()->restore_irradiance(tick, coarser, static_cast<int>(light.shape(0)),
+                                               numbers.data(), light.data());
 }
 
 std::map<std::string, long> work_of(const BoundCaster& b) {
@@ -346,12 +346,13 @@ std::map<std::string, long> work_of(const BoundCaster& b) {
                                       {"packets_asked", w.packets_tested},
                                       {"packets_traced", w.packets_traced},
                                       {"packets_relit", w.packets_relit},
-                                      {"trees_built", w.bvhs_built},
-                                      {"trees_refitted", w.bvhs_refitted}};
-  if (const IrradianceCache* cache = b.caster.irradiance()) {
-    work["cache_nodes"] = cache->size();
-    work["cache_paths"] = cache->paths();
-    work["cache_bytes"] = static_cast<long>(cache->bytes());
+                                      {"trees_built", b.caster.scene().bvhs_built},
+                                      {"trees_refitted", b.caster.scene().bvhs_refitted}};
+  if (b.caster.hybrid()) {
+    const IrradianceCache& cache = b.caster.hybrid()->irradiance();
+    work["cache_nodes"] = cache.size();
+    work["cache_paths"] = cache.paths();
+    work["cache_bytes"] = static_cast<long>(cache.bytes());
   }
   return work;
 }
@@ -550,7 +551,10 @@ void bind_caster(nb::module_& m) {
           "features", [](const BoundCaster& b) { return b.caster.features(); },
           "The active features by name, as of the last tick where that decides.")
       .def(
-          "restart", [](BoundCaster& b) { b.caster.restart(); },
+          "restart",
+          [](BoundCaster& b) {
+            if (b.caster.hybrid()) b.caster.hybrid()->restart();
+          },
           "Forget what earlier ticks left in the light of hybrid.")
       .def("save_irradiance", &save_irradiance, nb::arg("numbers"), nb::arg("light"),
            "Copy the irradiance cache of hybrid, of n = work[\"cache_nodes\"] nodes.\n"

@@ -51,8 +51,9 @@ const char* copy_tick(const BoundDeviceFrame& b, In<double, N, 3> geom_pos,
 }
 
 const IrradianceCache& cache_of(const BoundDeviceFrame& b) {
-  require(b.frame.caster().irradiance(), "only hybrid has a cache");
-  return *b.frame.caster().irradiance();
+  const HybridIntegrator* hybrid = b.frame.caster().hybrid();
+  require(hybrid, "only hybrid has a cache");
+  return hybrid->irradiance();
 }
 
 void copy_cache(const BoundDeviceFrame& b, bool edges, uint64_t address, uint64_t used_address,

@@ -8,36 +8,6 @@
 
 namespace evs {
 
-Caster::DeviceInputs Caster::device_inputs() const {
-  const Appearance& appearance = luminance_ ? *luminance_ : appearance_;
-  DeviceInputs inputs = {frame_, {}, paths_, appearance, {}, bvh_->geoms()};
-  inputs.frame.bounds = spheres_.view();
-  inputs.frame.bvh = bvh_->view();
-  if (antialiasing_) inputs.first_pass = antialiasing_->base_frame(inputs.frame);
-  for (int level = 0; level < GeomBvh::LEVELS; level++) {
-    inputs.bvh_boxes[level] = bvh_->boxes(level);
-  }
-  return inputs;
-}
-
-Caster::Place Caster::place_for_device(const Poses& poses) {
-  place_geoms(poses);
-  place_lights(poses);
-  place_medium();
-  paths_.seed = poses.seed;
-  work_.ticks++;
-  if (irradiance_) {
-    bool same = is_still(poses) && poses.seed == previous_seed_ && same_lights() && same_scene();
-    previous_seed_ = poses.seed;
-    end_tick();
-    kept_of_last_ = Recording::NOTHING;
-    if (!begin_hybrid(same)) return Place::NOWHERE;
-  }
-  work_.packets_traced += static_cast<long>(sampling_.rows) * sampling_.columns;
-  traced_fraction_ = 1;
-  return Place::THERE;
-}
-
 DeviceFrame::DeviceFrame(Caster& caster) : caster_(caster) {
   DeviceBlock constant(0, nullptr), tick(0, nullptr);
   lay_out(constant, tick);
@@ -67,7 +37,8 @@ uint64_t DeviceFrame::cache_bytes() const {
 void DeviceFrame::copy_cache(bool edges, uint64_t address, uint64_t used_address, char* out,
                              uint8_t* used, DeviceArguments& arguments) const {
   using Cache = IrradianceCache;
-  const Cache& cache = caster_.begin_device_pass(edges ? Cache::EDGES : Cache::ALL_PIXELS);
+  const Cache& cache =
+      caster_.hybrid()->begin_device_pass(edges ? Cache::EDGES : Cache::ALL_PIXELS);
   DeviceBlock block(address, out);
   arguments.cache = lay_out_cache(block);
   arguments.cache.used = reinterpret_cast<uint8_t*>(used_address);
@@ -75,7 +46,7 @@ void DeviceFrame::copy_cache(bool edges, uint64_t address, uint64_t used_address
 }
 
 IrradianceView DeviceFrame::lay_out_cache(DeviceBlock& block) const {
-  const IrradianceCache& cache = *caster_.irradiance();
+  const IrradianceCache& cache = caster_.hybrid()->irradiance();
   Caster::DeviceInputs inputs = caster_.device_inputs();
   IrradianceView view = cache.view();
   view.slots = block.put(view.slots, cache.slot_count());

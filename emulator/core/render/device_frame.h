@@ -43,12 +43,14 @@ class DeviceFrame {
   void copy_cache(bool edges, uint64_t address, uint64_t used_address, char* out, uint8_t* used,
                   DeviceArguments& arguments) const;
   const Caster& caster() const { return caster_; }
-  // After the pass: see Caster.
+  // After the pass: see HybridIntegrator.
   bool take_from_device(const uint8_t* used, const NodeRequest* missing, size_t count) const {
-    return caster_.take_from_device(used, missing, count);
+    return caster_.hybrid()->take_from_device(used, missing, count);
   }
-  void take_first_readers(const uint64_t* words) const { caster_.take_first_readers(words); }
-  void trace_here(float* luminance) const { caster_.trace_here(luminance); }
+  void take_first_readers(const uint64_t* words) const {
+    caster_.hybrid()->take_first_readers(words);
+  }
+  void trace_here(float* luminance) const { caster_.hybrid()->trace_here(luminance); }
 
  private:
   DeviceArguments lay_out(DeviceBlock& constant, DeviceBlock& tick) const;
