@@ -45,7 +45,7 @@ class Device(Protocol):
 class Cpu:
     """The CPU traces what may have changed."""
 
-    uploaded = None
+    uploaded: object = None
     why_not_lent = ""
 
     def __init__(self, caster: _core.Caster, shape: tuple[int, int], rgb: F32 | None) -> None:
