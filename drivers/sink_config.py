@@ -314,12 +314,17 @@ class Ros2Sink(_Served, _RosNames):
         return found
 
 
+def _file(example: str) -> Any:
+    return parameter("", "the file to write", is_path=any_path, example=example)
+
+
 @named_keywords
 @dataclass(frozen=True)
 class FileSink(_Writing):
-    """[[sink]] type = "npz" and other formats of recordings (evs convert --help lists them)."""
+    """[[sink]] type = "npz" and others: a recording (evs convert --help lists the formats)."""
 
-    file: str = parameter("", "the file to write", is_path=any_path, example="run.npz")
+    type: str = "npz"
+    file: str = _file("run.npz")
 
     needs = writes = "file"
 
@@ -343,6 +348,7 @@ class Aedat4Sink(FileSink):
     """[[sink]] type = "aedat4": a recording that survives a kill at any moment."""
 
     type: str = "aedat4"
+    file: str = _file("run.aedat4")
     compression: str = "lz4"
     """lz4 | zstd | none"""
     rotate_mb: float = 0.0
@@ -357,8 +363,12 @@ class Rosbag2Sink(FileSink, _RosNames):
     """[[sink]] type = "rosbag2": a recording for ROS 2 (.mcap, .db3)."""
 
     type: str = "rosbag2"
-    encoding: str | None = None
-    """evt3 (if not given) | libcaer | libcaer_cmp | mono (event_camera_msgs) | dvs (dvs_msgs)"""
+    file: str = _file("run.mcap")
+    encoding: str | None = parameter(
+        None,
+        "evt3 (if not given) | libcaer | libcaer_cmp | mono (event_camera_msgs) | dvs (dvs_msgs)",
+        example="evt3",
+    )
 
 
 @named_keywords
@@ -367,8 +377,12 @@ class Rosbag1Sink(FileSink):
     """[[sink]] type = "rosbag1": a recording for ROS 1 (.bag)."""
 
     type: str = "rosbag1"
-    encoding: str | None = None
-    """dvs (dvs_msgs, if not given) | evt3 | libcaer | libcaer_cmp | mono (event_camera_msgs)"""
+    file: str = _file("run.bag")
+    encoding: str | None = parameter(
+        None,
+        "dvs (dvs_msgs, if not given) | evt3 | libcaer | libcaer_cmp | mono (event_camera_msgs)",
+        example="dvs",
+    )
 
 
 _OWN = {"aedat4": Aedat4Sink, "rosbag2": Rosbag2Sink, "rosbag1": Rosbag1Sink}

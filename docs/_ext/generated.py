@@ -93,9 +93,9 @@ def configuration() -> str:
     """A table of keys for each table of a pipeline file."""
     found = []
     for table in config_keys.describe(PipelineConfig):
-        name = re.sub(r"^(.*)\.N$", r"[[\1]]", table.name) if table.name else ""
-        title = f"`{name if name.startswith('[[') else f'[{name}]'}`" if name else "Top level"
-        found += [f"## {title}", ""]
+        # an array has a table for each type of its items
+        name = table.doc.partition(": ")[0] if table.name.endswith(".N") else f"[{table.name}]"
+        found += [f"## {f'`{name}`' if table.name else 'Top level'}", ""]
         about = table.doc.partition(": ")[2] or table.doc
         if about and table.name:
             found += [escaped(about[0].upper() + about[1:]), ""]

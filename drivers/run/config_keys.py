@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import dataclasses
 import inspect
+import sys
 import textwrap
 from dataclasses import dataclass
 from typing import Any
@@ -23,6 +24,10 @@ class Key:
     """as one would type it"""
     doc: str
     """what it means, on one line; empty where nothing is declared"""
+    value: Any = None
+    """the default"""
+    example: Any = None
+    """a value to show where the default is none"""
 
 
 @dataclass(frozen=True)
@@ -51,10 +56,62 @@ def _describe(cls: type, prefix: str) -> list[Table]:
         if inner is not None:
             tables += _variants(inner, f"{prefix}{field.name}.{'N.' if many else ''}")
         else:
-            default = to_text(_default(field))
-            keys.append(Key(prefix + field.name, default, docs.get(field.name, "")))
+            default, declared = _default(field), declaration(field)
+            example = declared.example if declared else None
+            doc = docs.get(field.name, "")
+            keys.append(Key(prefix + field.name, to_text(default), doc, default, example))
     top = Table(prefix.rstrip("."), _first_line(cls), tuple(keys))
     return [top, *tables]
+
+
+HEAD = """\
+# Every key of a pipeline with its default. Copy this file and keep the lines that you change.
+# Run it with: evs emulate mine.toml [key=value ...]
+# A line that begins with "# key =" shows a key that is not set, with a value as an example; those
+# of [sensor] are the values of the preset, and biases are those of their chips.
+# Paths are relative to this file; package:path is a file inside an installed Python package.
+"""
+
+
+def default_pipeline(cls: type) -> str:
+    """The text of config/pipelines/default.toml: every key, its default and what it means."""
+    lines = [HEAD]
+    examples = _sensor_values()
+    for table in describe(cls):
+        array = table.name.endswith(".N")
+        name = table.name.removesuffix(".N")
+        mark = "# " if array else ""
+        if name:
+            about = table.doc.partition(": ")[2] or table.doc
+            about = about[0].upper() + about[1:]
+            lines += ["", *(f"# {line}" for line in textwrap.wrap(about, 96))]
+            lines.append(f"{mark}[[{name}]]" if array else f"[{name}]")
+        for key in table.keys:
+            bare = key.name.rpartition(".")[2]
+            if (shown := key.value) is None:
+                shown = examples.get(key.name, True if key.example is None else key.example)
+            elif array and key.example is not None:
+                shown = key.example
+            unset = array or key.value is None
+            lead = f"{'# ' if unset else ''}{bare} = {to_text([shown])[1:-1]}"
+            doc = textwrap.wrap("" if bare == "type" and key.value else key.doc, 96)
+            lines.append(f"{lead:26s} # {doc[0]}" if doc else lead)
+            lines += [f"{'':26s} # {line}" for line in doc[1:]]
+    return "\n".join(lines) + "\n"
+
+
+def _sensor_values() -> dict[str, Any]:
+    """Dotted key of [sensor] -> its value in the default preset, or the nominal bias of a chip."""
+    # here, so that --help needs no sensor
+    from evs.emulator.config import SensorConfig
+    from evs.emulator.sensor import preset_biases, preset_names, resolve_sensor
+    from evs.emulator.sensor.presets import flat
+
+    found = {f"sensor.{key}": value for key, value in flat(resolve_sensor(SensorConfig()))}
+    for biases in filter(None, map(preset_biases, preset_names())):
+        for key, value in biases.values.items():
+            found.setdefault(f"sensor.biases.{key}", value)
+    return found
 
 
 def _variants(cls: type, prefix: str) -> list[Table]:
@@ -68,7 +125,9 @@ def _variants(cls: type, prefix: str) -> list[Table]:
         for tables in found
         for table in tables
     ]
-    return [Table(prefix.rstrip("."), _first_line(cls), tuple(common)), *own]
+    (kind,) = (key for key in found[0][0].keys if key.name == f"{prefix}type")
+    kind = dataclasses.replace(kind, default='""', value="", example=kind.value)
+    return [Table(prefix.rstrip("."), _first_line(cls), (kind, *common)), *own]
 
 
 def _first_line(cls: type) -> str:
@@ -101,3 +160,9 @@ def _default(field: dataclasses.Field[Any]) -> Any:
     if field.default_factory is not dataclasses.MISSING:
         return field.default_factory()
     return field.default
+
+
+if __name__ == "__main__":
+    from evs.drivers.run.config import PipelineConfig
+
+    sys.stdout.write(default_pipeline(PipelineConfig))

@@ -88,22 +88,37 @@ class SceneConfig:
 class CameraConfig:
     """[camera]: a camera that the model lacks, or different optics for one that it has."""
 
-    lookat: tuple[float, float, float] | None = None
-    """free camera: the point it looks at, m; None: the centre of everything that moves"""
-    distance: float | None = None
-    """free camera: distance from that point, m; None: everything that moves fits the image"""
-    azimuth: float | None = None
-    """free camera: degrees around z, as in MuJoCo's viewer"""
-    elevation: float | None = None
-    """free camera: degrees; negative looks down"""
+    lookat: tuple[float, float, float] | None = parameter(
+        None,
+        "free camera: the point it looks at, m; None: the centre of everything that moves",
+        example=(0.0, 0.0, 1.0),
+    )
+    distance: float | None = parameter(
+        None,
+        "free camera: distance from that point, m; None: everything that moves fits the image",
+        example=4.0,
+    )
+    azimuth: float | None = parameter(
+        None,
+        "free camera: degrees around z, as in MuJoCo's viewer",
+        example=90.0,
+    )
+    elevation: float | None = parameter(
+        None,
+        "free camera: degrees; negative looks down",
+        example=-20.0,
+    )
     body: str = ""
     """mounted camera: the body that carries it"""
     pos: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """mounted camera: position in the body's frame, m"""
     quat: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     """mounted camera: orientation in the body's frame (w, x, y, z); it looks along its -z"""
-    xyaxes: tuple[float, float, float, float, float, float] | None = None
-    """mounted camera: its x and y axes in the body's frame, instead of quat"""
+    xyaxes: tuple[float, float, float, float, float, float] | None = parameter(
+        None,
+        "mounted camera: its x and y axes in the body's frame, instead of quat",
+        example=(0.0, -1.0, 0.0, 0.0, 0.0, 1.0),
+    )
     trajectory: str = parameter(
         "",
         "file of poses that the camera goes through, in the world or in the frame of `body`: lines "
@@ -121,15 +136,27 @@ class CameraConfig:
     """middle frequency of that: 5 Hz is a hand, 50 Hz a motor"""
     shake_seed: int = 0
     """what it follows from"""
-    fovy: float | None = None
-    """vertical field of view, degrees; None: that of the model's camera"""
-    focal_px: tuple[float, float] | None = None
-    """fx, fy in px, instead of fovy"""
-    principal_px: tuple[float, float] | None = None
-    """cx, cy in px; None: the centre"""
-    near_m: float | None = None
-    """depth of the near plane, m: nothing nearer is seen; None: as in MuJoCo, visual/map znear
-    times statistic/extent; 0: none"""
+    fovy: float | None = parameter(
+        None,
+        "vertical field of view, degrees; None: that of the model's camera",
+        example=45.0,
+    )
+    focal_px: tuple[float, float] | None = parameter(
+        None,
+        "fx, fy in px, instead of fovy",
+        example=(300.0, 300.0),
+    )
+    principal_px: tuple[float, float] | None = parameter(
+        None,
+        "cx, cy in px; None: the centre",
+        example=(173.0, 130.0),
+    )
+    near_m: float | None = parameter(
+        None,
+        "depth of the near plane, m: nothing nearer is seen; None: as in MuJoCo, visual/map "
+        "znear times statistic/extent; 0: none",
+        example=0.01,
+    )
     distortion_model: str = "none"
     """none | plumb_bob | rational_polynomial | equidistant (fisheye), as in ROS's CameraInfo"""
     distortion: tuple[float, ...] = ()
@@ -170,9 +197,12 @@ class RenderConfig:
     renderer: str = "direct"
     """direct: direct light with hard shadows, no noise | hybrid: soft light without noise; sky and
     bounces are cached on surfaces | path: path tracing with soft shadows | raster: OpenGL"""
-    spp: int | None = None
-    """samples per pixel; direct, hybrid, raster: 1 ... 64, default 4; path: 1 ... 4096, default
-    16"""
+    spp: int | None = parameter(
+        None,
+        "samples per pixel; direct, hybrid, raster: 1 ... 64, default 4; path: 1 ... 4096, "
+        "default 16",
+        example=4,
+    )
     antialiasing: str = "fixed"
     """fixed: every pixel takes all samples | adaptive: only pixels at an edge of the light (direct,
     hybrid) or of a geom (path) take all, the others one (direct, hybrid) or a quarter (path)"""
@@ -354,8 +384,11 @@ class LimitConfig:
 class LoopConfig:
     """[loop]: the closed loop of pace = "lockstep"."""
 
-    max_s: float | None = None
-    """simulated time after which the episode ends, s; None: no limit"""
+    max_s: float | None = parameter(
+        None,
+        "simulated time after which the episode ends, s; None: no limit",
+        example=30.0,
+    )
     limits: tuple[LimitConfig, ...] = ()
     delays: DelayConfig = field(default_factory=DelayConfig)
 

@@ -90,6 +90,7 @@ def override(config: T, overrides: Iterable[tuple[str, str]], paths: PathChange 
     tables = to_plain(config, sparse=True)
     # the type of a table decides what its other keys are
     for key, text in sorted(overrides, key=lambda pair: not pair[0].endswith(".type")):
+        _check_text(text, key)
         _put(type(config), tables, key.split("."), text, "", type(config))
     return build(type(config), tables, paths)
 
