@@ -203,6 +203,8 @@ def _ticks(plot: Any, axis: Axis, scale: Scale) -> None:
     if scale.unit:
         axis.set_major_formatter(plot.ticker.EngFormatter(scale.unit))
         axis.set_minor_formatter(plot.ticker.NullFormatter())
+        if scale.log and scale.high < 100 * scale.low:
+            axis.set_major_locator(plot.ticker.LogLocator(subs=(1, 2, 5)))
     if scale.shown:
         axis.set_ticks(scale.shown, [f"{value:g}" for value in scale.shown])
         axis.set_ticks([], minor=True)
