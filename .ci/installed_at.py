@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from importlib.metadata import entry_points, version
 from pathlib import Path
 
 import evs
@@ -17,3 +18,7 @@ def pytest_configure() -> None:
             .resolve()
             .is_relative_to(Path(os.environ["EVS_INSTALLED_IN"]).resolve())
         ), f"{found} is not the wheel's"
+    assert [entry.value for entry in entry_points(name="evs")] == ["evs.__main__:main"]
+    assert not [entry for entry in entry_points(group="pytest11") if "evs" in entry.value]
+    assert evs.__version__ == version("evs")
+    assert all(getattr(evs, name) is not None for name in evs.__all__)
