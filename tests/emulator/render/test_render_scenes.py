@@ -61,7 +61,6 @@ def test_a_pixel_of_a_physical_material_does_not_depend_on_its_neighbours() -> N
 
 
 @pytest.mark.slow
-@pytest.mark.campaign
 @pytest.mark.parametrize("zoom", [1.0, 30.0, 1000.0, 30000.0])
 def test_a_pixel_does_not_depend_on_its_neighbours_in_many_scenes(zoom: float) -> None:
     check_shifts(range(1000, 1500), zoom)
