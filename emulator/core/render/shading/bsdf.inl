@@ -8,6 +8,7 @@
 #pragma once
 
 #include "render/shading/surface_interaction.inl"
+#include "scene/light.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {
