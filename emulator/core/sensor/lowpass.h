@@ -100,21 +100,19 @@ EVS_ALWAYS_INLINE float lowpass_euler(float z, float y0, float x1) {
 // their relative precision, and no exponential of a large positive number occurs.
 inline constexpr float kSlowest = 0x1p-90f;  // a z below this moves nothing
 
+// The rate is z of a signal that is closer to its light.
+inline constexpr float kSmallSignal = 0x1p-12f;  // log units
+
 // The rate at which y approaches x at first: y' = k (x - y), k = z (1 - e^-d) / d with d = x - y.
 EVS_ALWAYS_INLINE float large_signal_rate(float any_z, float y0, float x0) {
   const float z = at_most(flush_to_zero(any_z, kSlowest), kLongest);
   const float d = x0 - y0;
   const float size = at_most(d, kSettled);
-  const bool near = size < 0x1p-12f;
+  const bool near = size < kSmallSignal;
   const ExpParts parts = exp_parts(size);
   const float into_light = one_minus_exp(parts) / select(near, 1.0f, size);
   const float share = select(d < 0.0f, into_light / exp_minus(parts), into_light);
   return at_most(select(near, z, z * share), kLongest);
-}
-
-// The small signals of which that rate is z.
-EVS_ALWAYS_INLINE bool is_small_signal(float y0, float x0) {
-  return at_most(x0 - y0, kSettled) < 0x1p-12f;
 }
 
 EVS_ALWAYS_INLINE float large_signal(float any_z, float y0, float x0, float x1) {
@@ -150,11 +148,13 @@ EVS_ALWAYS_INLINE float large_signal(float any_z, float y0, float x0, float x1) 
   return flush_to_zero(select(z > 0.0f, y1, y0), kFaded);
 }
 
-// The same for a pixel in light: e^-z and e^-|m| vanish beside all that they are added to.
-EVS_ALWAYS_INLINE bool is_in_light(float z, float y0, float x0, float x1) {
+// The same for a pixel in light, z from kInLight to kLongest, and near it: e^-z and e^-|m| vanish
+// beside all that they are added to.
+inline constexpr float kInLight = 40.0f;
+
+EVS_ALWAYS_INLINE bool is_near_light(float y0, float x0, float x1) {
   constexpr float kMost = 16.0f;  // log units, by which its light differs
-  return (z >= 40.0f) & (z <= kLongest) & (at_most(x1 - x0, kSettled) < kMost) &
-         (at_most(x1 - y0, kSettled) < kMost);
+  return (at_most(x1 - x0, kSettled) < kMost) & (at_most(x1 - y0, kSettled) < kMost);
 }
 
 EVS_ALWAYS_INLINE float large_signal_in_light(float z, float y0, float x0, float x1) {

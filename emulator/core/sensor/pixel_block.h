@@ -412,7 +412,7 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
   }
   float* last_log = arrays.last_log + first;
   for (size_t i = 0; i < count; i++) last_log[i] = s.log[i];
-  for (size_t i = 0; i < count; i++) last_luminance[i] = s.luminance[i];
+  for (size_t i = 0; i < count; i++) last_luminance[i] = s.usable[i];
   return clamped;
 }
 

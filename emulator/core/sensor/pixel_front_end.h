@@ -19,6 +19,7 @@ namespace evs {
 // Intermediate values of one block.
 struct Scratch {
   alignas(64) float luminance[kBlock];  // the last usable one where it is unusable
+  const float* usable;                  // all of it: `luminance`, or that of the tick
   alignas(64) float mean[kBlock];       // its running mean
   alignas(64) float dn[kBlock];
   alignas(64) float log_part[kBlock];
@@ -57,15 +58,13 @@ EVS_ALWAYS_INLINE size_t log_intensity(const PixelStep& step, size_t first, size
                                        Scratch& s, bool safe, bool& changed) {
   const LogMap map = step.settings.map;
   const float* __restrict luminance = step.tick.luminance + first;
+  s.usable = luminance;
   const float* __restrict last = step.arrays.last_luminance + first;
   const float* __restrict last_log = step.arrays.last_log + first;
   const float largest = step.settings.averages() ? kLargestMean : kLargest;
   // all luminance is usable: only map it
   if (safe && !step.settings.averages()) {
-    for (size_t i = 0; i < count; i++) {
-      s.luminance[i] = luminance[i];
-      s.dn[i] = to_dn(map, luminance[i]);
-    }
+    for (size_t i = 0; i < count; i++) s.dn[i] = to_dn(map, luminance[i]);
     for (size_t i = 0; i < count; i++) s.log_part[i] = log_part<kind>(map, s.dn[i]);
     for (size_t i = 0; i < count; i++) s.log[i] = with_log_part<kind>(map, s.dn[i], s.log_part[i]);
     return 0;
@@ -82,7 +81,7 @@ EVS_ALWAYS_INLINE size_t log_intensity(const PixelStep& step, size_t first, size
     clamped += usable ? 0u : 1u;
   }
   // average, then map to log intensity
-  const float* light = s.luminance;
+  const float* light = s.usable = s.luminance;
   if (step.settings.averages()) {
     changed |=
         update_running_mean(step.arrays.running_mean, s.luminance, last, first, count, s.mean);
@@ -163,24 +162,30 @@ EVS_ALWAYS_INLINE void follower_lags(const PixelStep& step, size_t first, size_t
   float* __restrict lag = s.lag;
   const float low = step.lowpass_low;
   const float slope = step.lowpass_slope;
-  uint32_t large = 0;  // signals, whose rate is not z
+  uint32_t largest = 0;  // signal, of which it depends whether the rate is z
   if (step.settings.steps_by_large_signal()) {
-    for (size_t i = 0; i < count; i++) large |= is_small_signal(p0[i], x0[i]) ? 0u : 1u;
-  }
-  if (large != 0) {
     for (size_t i = 0; i < count; i++) {
-      rate[i] = large_signal_rate(low + slope * dn[i], p0[i], x0[i]);
+      const uint32_t bits = std::bit_cast<uint32_t>(x0[i] - p0[i]) & 0x7fffffffu;
+      largest = bits > largest ? bits : largest;
+    }
+  }
+  uint32_t slowest = 0xffffffffu;
+  if (largest >= std::bit_cast<uint32_t>(kSmallSignal)) {
+    for (size_t i = 0; i < count; i++) {
+      const float k = apart_from(large_signal_rate(low + slope * dn[i], p0[i], x0[i]), z);
+      const uint32_t bits = std::bit_cast<uint32_t>(k);
+      slowest = bits < slowest ? bits : slowest;
+      rate[i] = k;
     }
   } else {
-    for (size_t i = 0; i < count; i++) rate[i] = at_most(low + slope * dn[i], kLongest);
+    for (size_t i = 0; i < count; i++) {
+      const float k = apart_from(at_most(low + slope * dn[i], kLongest), z);
+      const uint32_t bits = std::bit_cast<uint32_t>(k);
+      slowest = bits < slowest ? bits : slowest;
+      rate[i] = k;
+    }
   }
-  uint32_t slow = 0;
-  for (size_t i = 0; i < count; i++) {
-    const float k = apart_from(rate[i], z);
-    rate[i] = k;
-    slow |= k >= kVanished ? 0u : 1u;
-  }
-  if (slow != 0) {
+  if (slowest < std::bit_cast<uint32_t>(kVanished)) {
     for (size_t i = 0; i < count; i++) {
       const LowpassStep pole = lowpass_step(rate[i]);
       share[i] = pole.a;
@@ -195,9 +200,10 @@ EVS_ALWAYS_INLINE void follower_lags(const PixelStep& step, size_t first, size_t
   }
 }
 
-// The outputs of a block of large-signal photoreceptors at the end of the tick, into `s.a`.
+// The outputs of a block of large-signal photoreceptors at the end of the tick, into `s.a`. In:
+// whether its light has changed.
 EVS_ALWAYS_INLINE void step_large_signals(const PixelStep& step, size_t first, size_t count,
-                                          Scratch& s) {
+                                          Scratch& s, bool changed) {
   const float low = step.lowpass_low;
   const float slope = step.lowpass_slope;
   const float* __restrict y0 = step.arrays.filtered + first;
@@ -205,16 +211,32 @@ EVS_ALWAYS_INLINE void step_large_signals(const PixelStep& step, size_t first, s
   const float* __restrict x1 = s.log;
   const float* __restrict dn = s.dn;
   float* __restrict y1 = s.a;
-  uint32_t moving = 0;
-  uint32_t dark = 0;
-  for (size_t i = 0; i < count; i++) {
-    const uint32_t bits = std::bit_cast<uint32_t>(x1[i]);
-    moving |= (bits ^ std::bit_cast<uint32_t>(x0[i])) | (bits ^ std::bit_cast<uint32_t>(y0[i]));
-    dark |= is_in_light(low + slope * dn[i], y0[i], x0[i], x1[i]) ? 0u : 1u;
+  uint32_t moving = changed;
+  if (!changed) {
+    for (size_t i = 0; i < count; i++) {
+      const uint32_t bits = std::bit_cast<uint32_t>(x1[i]);
+      moving |= (bits ^ std::bit_cast<uint32_t>(x0[i])) | (bits ^ std::bit_cast<uint32_t>(y0[i]));
+    }
   }
   if (moving == 0) {
     for (size_t i = 0; i < count; i++) y1[i] = flush_to_zero(y0[i], kFaded);
-  } else if (dark == 0) {
+    return;
+  }
+  // the bits of rates have their order; those of NaN come after them
+  uint32_t slowest = 0xffffffffu;
+  uint32_t fastest = 0;
+  for (size_t i = 0; i < count; i++) {
+    const uint32_t bits = std::bit_cast<uint32_t>(low + slope * dn[i]);
+    slowest = bits < slowest ? bits : slowest;
+    fastest = bits > fastest ? bits : fastest;
+  }
+  uint32_t apart = 1;  // signals, from their light
+  if (slowest >= std::bit_cast<uint32_t>(kInLight) &&
+      fastest <= std::bit_cast<uint32_t>(kLongest)) {
+    apart = 0;
+    for (size_t i = 0; i < count; i++) apart |= is_near_light(y0[i], x0[i], x1[i]) ? 0u : 1u;
+  }
+  if (apart == 0) {
     for (size_t i = 0; i < count; i++) {
       y1[i] = large_signal_in_light(low + slope * dn[i], y0[i], x0[i], x1[i]);
     }
@@ -248,7 +270,7 @@ EVS_ALWAYS_INLINE Signal limit_bandwidth(const PixelStep& step, size_t first, si
     if (euler) {
       filter(euler_step, last_log, s.log, last_log, s.log, state, count, s.from[0], changed);
     } else if (step.settings.steps_by_large_signal()) {
-      step_large_signals(step, first, count, s);
+      step_large_signals(step, first, count, s, changed);
       auto stepped = [=](size_t i, float, float, float) { return a[i]; };
       filter(stepped, last_log, s.log, last_log, s.log, state, count, s.from[0], changed);
     } else {

@@ -103,6 +103,33 @@ EVS_OUTLINE void read_words(const Texture& t, const TexelQuad& s, Float* out) {
   }
 }
 
+// Interpolate in two levels and between them.
+EVS_INLINE void read_levels(const Texture& t, int channels, const Lod& lod, const TexelQuad& s0,
+                            const TexelQuad& s1, Mask largest, const Float* whole, Float* out) {
+  for (int c = 0; c < channels; c++) {
+    if (c >= t.channels) {
+      out[c] = splat(t.mean);
+      continue;
+    }
+    const float* base = t.texels + 2 * static_cast<long>(c) * t.channel_stride;
+    out[c] = bilinear(base, s0);
+    if (whole) out[c] = select(largest, whole[c], out[c]);
+    if (lod.blend) out[c] = out[c] + (bilinear(base, s1) - out[c]) * lod.share;
+  }
+}
+
+// The same of a large image, whose level 0 is stored as bytes. Never inlined: its temporaries would
+// cost every read of a small image.
+[[gnu::noinline]] EVS_OUTLINE void read_large_image(const Texture& t, int channels, const Lod& lod,
+                                                    TexelQuad s0, const TexelQuad& s1, Float* out) {
+  Float whole[MAX_CHANNELS] = {};
+  Mask largest = lod.l0.width >= static_cast<float>(t.level[0].width);
+  TexelQuad inside = {select(largest, s0.at, splat(0)), s0.x, s0.y};
+  s0.at = select(largest, splat(0), s0.at);
+  if (any(largest)) read_words(t, inside, whole);
+  read_levels(t, channels, lod, s0, s1, largest, whole, out);
+}
+
 // u, v in image lengths; 2D images repeat. A channel that the image lacks reads as its mean.
 EVS_INLINE void read_lod(const Texture& t, int channels, const Lod& lod, Float u, Float v, Int face,
                          Float* out) {
@@ -112,25 +139,12 @@ EVS_INLINE void read_lod(const Texture& t, int channels, const Lod& lod, Float u
   }
   TexelQuad s0 = texel_quad(lod.l0, u, v, face), s1 = s0;
   if (lod.blend) s1 = texel_quad(lod.l1, u, v, face);
-  // where level 0 of a large image is read
-  Mask largest = mask_from_bits(0);
-  Float whole[MAX_CHANNELS] = {};
   if (t.words) {
-    largest = lod.l0.width >= static_cast<float>(t.level[0].width);
-    TexelQuad inside = {select(largest, s0.at, splat(0)), s0.x, s0.y};
-    s0.at = select(largest, splat(0), s0.at);
-    if (any(largest)) read_words(t, inside, whole);
+    const Lod levels = lod;
+    const TexelQuad quad0 = s0, quad1 = s1;
+    return read_large_image(t, channels, levels, quad0, quad1, out);
   }
-  for (int c = 0; c < channels; c++) {
-    if (c >= t.channels) {
-      out[c] = splat(t.mean);
-      continue;
-    }
-    const float* base = t.texels + 2 * static_cast<long>(c) * t.channel_stride;
-    out[c] = bilinear(base, s0);
-    if (t.words) out[c] = select(largest, whole[c], out[c]);
-    if (lod.blend) out[c] = out[c] + (bilinear(base, s1) - out[c]) * lod.share;
-  }
+  read_levels(t, channels, lod, s0, s1, mask_from_bits(0), nullptr, out);
 }
 
 // Trilinear lookup on `lanes`. `footprint` is the sample's width in image lengths.
