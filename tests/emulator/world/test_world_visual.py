@@ -240,7 +240,7 @@ def test_everything_that_sees_takes_an_option(name: str, tmp_path: Any) -> None:
     ("visual", "says"),
     [
         (evs.VisualConfig(geomgroup=(7,)), r"scene.visual.geomgroup is \(7,\): groups are 0"),
-        (evs.VisualConfig(sitegroup=("a",)), "scene.visual.sitegroup is"),  # type: ignore[arg-type]
+        (evs.VisualConfig(sitegroup=("a",)), r"scene.visual.sitegroup.0 is 'a'"),  # type: ignore[arg-type]
         (3, r"visual= takes a mujoco.MjvOption or an evs.VisualConfig, not builtins.int"),
         (
             evs.VisualConfig(geomgroup=(5,)),
