@@ -323,7 +323,7 @@ def test_what_is_no_key_is_refused_with_the_nearest_known(written: Any, says: st
     [
         (3, "scene is 3; give"),
         ({"body.arm.mass": 0.0}, r"scene.body.arm.mass is 0; give 1e-12 \.\.\. 1e\+12"),
-        ({"body.arm.mass": "a"}, "scene.body.arm.mass is 'a'; give a number"),
+        ({"body.arm.mass": "a"}, "scene.body.arm.mass is 'a'; give a finite number"),
         ({"body.arm.mass": float("nan")}, "scene.body.arm.mass is nan"),
         ({"geom.box.rgb": 0.5}, "scene.geom.box.rgb is no single number; give geom.box.rgb.r"),
         ({"body.*.mass": 0.5}, r"scene.body.\*.mass is no single number; give body.arm.mass"),
