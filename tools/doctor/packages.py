@@ -20,6 +20,7 @@ CORE = (
     "zstandard",
     "rich",
     "pillow",
+    "lazy-loader",
 )
 """required distributions: `dependencies` of pyproject.toml (a test compares them)"""
 

@@ -247,9 +247,8 @@ def test_every_candidate_is_a_pipeline_that_runs() -> None:
     """Even in place of one that takes 16 ticks at once."""
     before = PipelineConfig(model=ModelConfig(name="evsnet", chunk=16))
     for one in candidates():
-        config = before
-        for key, value in one.settings.items():
-            config = override(config, key, to_text(value))
+        texts = ((key, to_text(value)) for key, value in one.settings.items())
+        config = override(before, texts)
         check(config)
         assert config.render.samples == one.spp
         assert (config.model.name, config.threads) == (one.model, one.threads)

@@ -236,6 +236,7 @@ def test_nodes_that_are_not_like_this_machine_are_refused(cluster: Nodes, tmp_pa
     other.mkdir(parents=True)
     for folder in ("msgs", "emulator", "drivers", "tools", "examples", "launch", "config"):
         (other / folder).symlink_to(package / folder)
+    (other / "__init__.pyi").symlink_to(package / "__init__.pyi")
     text = Path(evs.__file__).read_text()
     (other / "__init__.py").write_text(text.replace(evs.__version__, "0.0.9"))
     cluster.add(2, str(other.parent))

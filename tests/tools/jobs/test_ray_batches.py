@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -148,5 +149,5 @@ def test_a_simulated_data_set_needs_a_gpu_where_its_device_is_cuda() -> None:
         assert not dataset.needs_gpu
     assert not evs.SimulatedDataset(scene, "left", samples=2, sensor=sensor).needs_gpu
     # as on a machine that has one
-    dataset._cameras[0]["render"] = RenderConfig(device="cuda")
+    dataset.spec = replace(dataset.spec, render=RenderConfig(device="cuda"))
     assert dataset.needs_gpu
