@@ -18,16 +18,19 @@ class UnknownKeywordError(EvsError, TypeError):
     """A keyword that a function does not have; a TypeError, as Python's own."""
 
 
-def check_keywords(function: Callable[P, R], name: str) -> Callable[P, R]:
+def check_keywords(
+    function: Callable[P, R], name: str, signature: inspect.Signature | None = None
+) -> Callable[P, R]:
     """The function with an error that names the nearest keywords.
 
     Args:
-        function: Has no **keywords.
+        function: The function.
         name: What messages call it.
+        signature: With the names of its **keywords; None if it has none.
     """
     known = [
         one.name
-        for one in inspect.signature(function).parameters.values()
+        for one in (signature or inspect.signature(function)).parameters.values()
         if one.kind is not one.POSITIONAL_ONLY and one.name != "self"
     ]
     allowed = frozenset(known)
@@ -46,12 +49,11 @@ def check_keywords(function: Callable[P, R], name: str) -> Callable[P, R]:
 def fields_as_keywords(spec: type) -> Callable[[type[C]], type[C]]:
     """Decorate a class whose constructor takes the fields of a dataclass as **keywords.
 
-    `help` lists them, and `named_keywords` knows them.
+    `help` lists them, and an unknown one is answered with the nearest.
     """
 
     def decorate(kind: type[C]) -> type[C]:
-        begin: Any = kind.__init__
-        signature = inspect.signature(begin)
+        signature = inspect.signature(kind)
         own = [one for one in signature.parameters.values() if one.kind is not one.VAR_KEYWORD]
         names = {one.name for one in own}
         fields = [
@@ -59,8 +61,11 @@ def fields_as_keywords(spec: type) -> Callable[[type[C]], type[C]]:
             for one in inspect.signature(spec).parameters.values()
             if one.name not in names
         ]
-        begin.__signature__ = signature.replace(parameters=[*own, *fields])
-        return named_keywords(kind)
+        listed = signature.replace(parameters=[*own, *fields])
+        begin: Any = check_keywords(kind.__init__, kind.__name__, listed)
+        kind.__init__ = begin  # type: ignore[method-assign]
+        kind.__signature__ = listed  # type: ignore[attr-defined]
+        return kind
 
     return decorate
 
