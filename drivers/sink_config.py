@@ -299,7 +299,7 @@ class Ros2Sink(_Served, _RosNames):
     of_the_sensor = ("roi", "erc_mode", "erc_rate")
 
     def readout(self, place: str) -> dict[str, tuple[str, Any]]:
-        """As of SinkConfig."""
+        """See `SinkConfig`."""
         if self.erc_mode not in ERC_MODES:
             raise EvsError(f"at {place}.erc_mode: {unknown('mode', self.erc_mode, ERC_MODES)}")
         if self.erc_rate < 1:
@@ -329,7 +329,7 @@ class FileSink(_Writing):
     needs = writes = "file"
 
     def check(self, place: str, in_worker: bool = True) -> None:
-        """As of SinkConfig; the file has an ending of its format."""
+        """See `SinkConfig`; the file has an extension of its format."""
         super().check(place, in_worker)
         kind = formats.by_name(self.type)
         known = kind.suffixes + kind.shared_suffixes
@@ -337,7 +337,7 @@ class FileSink(_Writing):
             raise EvsError(f"at {place}.file: '{self.file}' does not end in {' or '.join(known)}")
 
     def make(self) -> Sink:
-        """As of SinkConfig."""
+        """See `SinkConfig`."""
         (file,), options = self._arguments
         return formats.by_name(self.type).record(Path(file), **options)
 

@@ -47,7 +47,7 @@ class CameraBatch:
             pixels: The pixels.
             state: The arrays of the state, by the names that `PixelArray.step` takes.
             seed: The seed of its light's noise.
-            clock_us, ticks, all_due: As of `PixelArray.step`.
+            clock_us, ticks, all_due: See `PixelArray.step`.
             tick_us: The length of the last tick.
         """
 
@@ -58,7 +58,7 @@ class CameraBatch:
         Args:
             camera: Its number.
             readout: The Readout.
-            clock: As of `Readout.step`, modified in place from now on.
+            clock: See `Readout.step`. It is modified in place from now on.
             waiting, due_ns: As there.
         """
 
@@ -86,11 +86,11 @@ class CameraBatch:
 
         Args:
             which, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat, tick_us:
-                As of `step`.
+                See `step`.
             first: How many cameras of this tick were laid out before.
             tick: Where `staged` will lie on the device.
             luminance: Where the light of all cameras, (n, h, w) float32, will.
-            crossings, crossing_room, candidates, candidate_room, counts: As of
+            crossings, crossing_room, candidates, candidate_room, counts: See
                 DevicePixels.copy_arguments, camera after camera of the tick.
             staged: (k, tick_bytes of the largest) uint8, the output: what the tick changes.
             frames: (k, argument_bytes + 8) uint8, the output: a frame, and where its light goes.
@@ -106,7 +106,7 @@ class CameraBatch:
             crossings: (8 n,) uint8, camera after camera.
             begins: (k + 1,) uint32, where those of each begin, and n.
             clamped: (k,) int64, pixels with unusable luminance.
-            t_begin_us, tick_us: As of `step`.
+            t_begin_us, tick_us: See `step`.
         """
 
     def numbers(self, camera: int) -> tuple:
@@ -609,7 +609,7 @@ def pack_device_crossings(threads: int, counts: int, blocks: int, crossings: int
 
     Args:
         threads: How many are launched.
-        counts, blocks: As of place_device_crossings.
+        counts, blocks: See `place_device_crossings`.
         crossings, crossing_room: Of each block, and room for how many it has.
         offsets, all: What place_device_crossings found.
         room: How many crossings there is room for.
@@ -644,7 +644,7 @@ class DevicePixels:
             constant: Where what stays lies on the device.
             arrays: Where each array of the state lies, by name.
             luminance: Where the (h, w) float32 light lies.
-            clock_us, tick_us, ticks, all_due: As of PixelArray.step.
+            clock_us, tick_us, ticks, all_due: See `PixelArray.step`.
             row_reads, row_read_count: Where (n, 2) int32 row reads lie, and n.
             crossings, candidates, counts: Where there is room for (blocks, crossing_room)
                 crossings of 8 bytes, (blocks, candidate_room) candidates of 16 and (blocks,)

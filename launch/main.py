@@ -113,7 +113,7 @@ class Parser(argparse.ArgumentParser):
     """An ArgumentParser whose errors are EvsErrors: one line that says how to get help."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
-        """As of ArgumentParser; every `type=int` is bounded."""
+        """See `ArgumentParser`; every `type=int` is bounded."""
         super().__init__(*args, **options)
         self.register("type", int, _whole_number)
 

@@ -28,7 +28,7 @@ def executed(notebook: dict[str, Any]) -> dict[str, Any]:
     """Execute every code cell in one namespace.
 
     Args:
-        notebook: As of nbformat 4.5.
+        notebook: In the format of nbformat 4.5.
 
     Returns:
         The same cells with the outputs that they have now.

@@ -111,8 +111,8 @@ def discover(
     Args:
         control: Its control port, tcp://HOST:PORT or ipc:///PATH.
         timeout_s: How long to wait for the answer, s.
-        server_key: As of `subscribe`.
-        key: As of `subscribe`.
+        server_key: See `subscribe`.
+        key: See `subscribe`.
 
     Returns:
         The description.
@@ -150,8 +150,8 @@ def request(
         name: describe, status, camera_info, parameters, set or stop.
         arguments: Of the request: `set` takes camera, a name, and values, key -> value.
         timeout_s: How long to wait for the answer, s.
-        server_key: As of `subscribe`.
-        key: As of `subscribe`.
+        server_key: See `subscribe`.
+        key: See `subscribe`.
 
     Returns:
         The answer.

@@ -30,7 +30,7 @@ class EpisodeCameras:
         """Put cameras into the environment as it is now.
 
         Args:
-            env: As of `find_physics`. It may have event cameras already.
+            env: See `find_physics`. It may have event cameras already.
             make: The cameras of a model by name.
             count: Number of cameras.
             every: substep | step

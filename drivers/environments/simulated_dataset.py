@@ -106,7 +106,7 @@ class SimulatedDataset:
             sequence: Slices of `ticks` that follow each other in a sample: what changes gets a
                 first axis of this length; None: one slice, without that axis.
             warm_up: Ticks before the sample, whose events are dropped.
-            control: As of World.
+            control: See `World`.
             truth: Names of ground truth: luminance, or a field of GroundTruth, of each camera; and
                 qpos, qvel and ctrl.
             sensors: Names of <sensor>s of the model.
@@ -195,7 +195,7 @@ class SimulatedDataset:
         """The seed of a sample's world, as of evs.World; `start` draws from np.random.PCG64 of it.
 
         Args:
-            index: As of `dataset[index]`.
+            index: See `dataset[index]`.
             attempt: Which of its draws.
 
         Raises:
@@ -401,7 +401,7 @@ class EpochSampler:
     """
 
     def __init__(self, samples: int, *, rank: int = 0, num_replicas: int = 1) -> None:
-        """As of SimulatedDataset.sampler."""
+        """See `SimulatedDataset.sampler`."""
         parts = _at_least(1, num_replicas, "num_replicas")
         if not 0 <= plain_integer(rank, "rank") < parts:
             raise EvsError(f"rank is {rank}: give 0 ... {parts - 1}, of {parts} num_replicas")

@@ -16,7 +16,7 @@ def make_vec(scene: Scene, num_envs: int = 1, **options: Any) -> Any:
     Args:
         scene: A registered name (evs/CartPole-v0, ...), or a scene as of LoopEnv.
         num_envs: How many environments.
-        **options: As of evs.drivers.gym.LoopVectorEnv: cameras, observation, reward, ...
+        **options: See `evs.drivers.gym.LoopVectorEnv`: cameras, observation, reward, ...
 
     Returns:
         A gymnasium.vector.VectorEnv.

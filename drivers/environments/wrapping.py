@@ -51,7 +51,7 @@ def wrap(
 
     Args:
         env: The environment; its step and reset give what they gave.
-        camera: As of EventCamera, and so the others; or a list of cameras.
+        camera: See `EventCamera`, as for the other arguments; or a list of cameras.
         every: When the camera looks: in every "substep" of the physics, or after every "step" of
             the environment, which is faster and sees what moves jump.
         sensor: Its preset or configuration.

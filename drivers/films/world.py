@@ -137,7 +137,7 @@ class FilmPlan:
         self._contents, self._features = contents, features
 
     def compact(self) -> dict[str, Any]:
-        """As of a scene's plan."""
+        """See the plan of a scene."""
         return {
             "contents": self._contents,
             "on": [name for name, on in self._features.items() if on],

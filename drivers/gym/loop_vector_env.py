@@ -125,7 +125,7 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
             The observations, and info as of LoopEnv, an array of each.
 
         Raises:
-            EvsError: As of LoopEnv, or another number of seeds; no environment has changed.
+            EvsError: See `LoopEnv`; or the number of seeds is wrong. No environment has changed.
         """
         wanted = dict(options or {})
         mask = wanted.pop("reset_mask", None)

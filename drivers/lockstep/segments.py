@@ -71,8 +71,8 @@ class Segments:
             tables: Of every sink.
             meter: Every sink gets it.
             warn: Gets one line for each sink that stops.
-            beside: As of PipelineConfig.
-            sensors: As of SinkSet, for those that go on over resets.
+            beside: See `PipelineConfig`.
+            sensors: See `SinkSet`, for sinks that continue across resets.
         """
         self._beside, self._place = beside, 0
         self._files = [table for table in tables if table.path]

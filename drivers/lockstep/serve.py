@@ -61,7 +61,7 @@ def serve(
         warn: Called with a line for each setting that is legal but unlikely to be intended.
         begun: Called with World.chosen once controllers may connect.
         ready: Called with the server's address after that.
-        on_report: As of run.run.
+        on_report: See `run.run`.
         report_config: The configuration that stands in the report.
 
     Returns:
@@ -168,56 +168,56 @@ class ServedRun(RunLoop):
     def reset(
         self, seed: int | None = None, keyframe: str = "", state: bool = False
     ) -> Observation:
-        """As of the loop; recordings of an episode before it are complete then."""
+        """Reset the loop once the recordings of the previous episode are complete."""
         return self._jump(lambda: self._loop.reset(seed, keyframe, state))
 
     def step(self, ctrl: npt.ArrayLike | None = None, ticks: int = 1) -> Observation:
-        """As of the loop."""
+        """See `ClosedLoop`."""
         self._step_s, self._ticks_left = monotonic_s(), ticks
         self.watch.begin_tick()
         return self._loop.step(ctrl, ticks)
 
     def save(self, compress: bool = False) -> bytes:
-        """As of the loop."""
+        """See `ClosedLoop`."""
         return self._loop.save(compress)
 
     def restore(self, blob: bytes) -> Observation:
-        """As of the loop; recordings of the time before it are complete then."""
+        """Restore the loop once the recordings up to now are complete."""
         return self._jump(lambda: self._loop.restore(blob))
 
     @property
     def actuators(self) -> Sequence[str]:
-        """As of the loop."""
+        """See `ClosedLoop`."""
         return self._loop.actuators
 
     @property
     def ctrl(self) -> F64:
-        """As of the loop."""
+        """See `ClosedLoop`."""
         return self._loop.ctrl
 
     @property
     def ctrl_range(self) -> F64:
-        """As of the loop."""
+        """See `ClosedLoop`."""
         return self._loop.ctrl_range
 
     @property
     def streams(self) -> Sequence[StreamInfo]:
-        """As of the loop."""
+        """See `ClosedLoop`."""
         return self._loop.streams
 
     @property
     def tick_us(self) -> int:
-        """As of the loop."""
+        """See `ClosedLoop`."""
         return self._loop.tick_us
 
     @property
     def t_us(self) -> int:
-        """As of the loop."""
+        """See `ClosedLoop`."""
         return self._loop.t_us
 
     @property
     def done(self) -> str:
-        """As of the loop."""
+        """See `ClosedLoop`."""
         return self._loop.done
 
     def _on_tick(self, packets: tuple[EventPacket, ...]) -> None:

@@ -266,7 +266,7 @@ def settled(tables: Iterable[SinkConfig], beside: bool) -> list[SinkConfig]:
 
     Args:
         tables: As they are configured.
-        beside: As of PipelineConfig.
+        beside: See `PipelineConfig`.
 
     Raises:
         EvsError: One would replace a file.

@@ -33,7 +33,7 @@ def lint(
     Args:
         camera: Its name.
         config: Its configuration, with every number that its sensor really has.
-        calibration: As of StreamInfo.camera_info; None or empty: there is none.
+        calibration: See `StreamInfo.camera_info`; None or empty without one.
         mean_luminance: Of its first picture.
 
     Returns:

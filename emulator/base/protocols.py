@@ -163,7 +163,7 @@ class EventModel(Protocol):
 
         Args:
             luminance: (h, w) float32, linear, as of Renderer.render, at the end of the tick.
-            state: As of init, restore or the last step; it is consumed.
+            state: From `init`, `restore` or the last `step`; it is consumed.
             t_begin_us: Where the tick begins, us.
             t_end_us: Where it ends, us.
 
@@ -194,7 +194,7 @@ class ChunkedModel(EventModel, Protocol):
 
         Args:
             luminance: (T, h, w) float32, linear, at the end of each tick.
-            state: As of `step`; it is consumed.
+            state: See `step`. It is consumed.
             t_begin_us: Where the first tick begins, us.
             tick_us: Length of a tick, us.
 

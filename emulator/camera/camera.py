@@ -185,11 +185,11 @@ class Camera:
         """Check a reset; the commit does it.
 
         Args:
-            seed: As of `reset`.
-            sensor: As of `reset`.
+            seed: See `reset`.
+            sensor: See `reset`.
 
         Raises:
-            EvsError: As of `reset`.
+            EvsError: See `reset`.
         """
         exchange = None
         if isinstance(sensor, str):

@@ -84,7 +84,7 @@ def device_of(request: ModelRequest) -> str:
     """Where pixels run: "cpu" or "cuda".
 
     Args:
-        request: As of a row of MODELS.
+        request: See the rows of MODELS.
 
     Raises:
         EvsError: model.device is cuda, and that cannot be.

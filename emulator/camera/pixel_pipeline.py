@@ -62,10 +62,10 @@ class PixelPipeline:
             sensor: The sensor, resolved.
             model: [model].
             seed: Fixed pattern and noise follow from it.
-            threads: As of make_event_model.
-            spp: As of make_event_model.
-            switches: As of make_event_model.
-            isa: As of make_event_model.
+            threads: See `make_event_model`.
+            spp: See `make_event_model`.
+            switches: See `make_event_model`.
+            isa: See `make_event_model`.
 
         Raises:
             EvsError: The model makes no sense for this sensor.

@@ -82,7 +82,7 @@ def override(config: T, overrides: Iterable[tuple[str, str]], paths: PathChange 
     Args:
         config: An instance of a configuration class.
         overrides: (key, text); the last text of a key counts.
-        paths: As of `build`.
+        paths: See `build`.
 
     Raises:
         EvsError: As `build` does.

@@ -51,12 +51,12 @@ class EvsNetModel:
         Args:
             sensor: The sensor, resolved.
             weights: The network.
-            runtime: As of make_runtime.
-            provider: As of make_runtime.
-            threads: As of make_runtime.
-            isa: As of make_runtime.
+            runtime: See `make_runtime`.
+            provider: See `make_runtime`.
+            threads: See `make_runtime`.
+            isa: See `make_runtime`.
             initial: Membranes at the start: "random" in (-V_off, V_on), or "zero".
-            sparse: As of make_runtime.
+            sparse: See `make_runtime`.
             events_per_tick: Of a pixel: "one", the paper's, "many", all that a step is worth, or
                 "auto", as the network was trained.
             labels: Refused: a network has no cause of an event.

@@ -131,7 +131,7 @@ class CycleRenderer:
         return self._light.light(self._out if into is None else into)
 
     def render_again(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
-        """As of Renderer."""
+        """See `Renderer`."""
         del snapshot, pose
         return self._light.light(self._out)
 

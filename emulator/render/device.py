@@ -29,7 +29,7 @@ class Device(Protocol):
         Args:
             poses: Where everything is.
             seed: Of the noise.
-            into: As of Renderer.
+            into: See `Renderer`.
 
         Returns:
             (h, w) float32 linear luminance.

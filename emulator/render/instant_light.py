@@ -15,7 +15,7 @@ class InstantLight(ABC):
 
     @abstractmethod
     def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
-        """As of Renderer."""
+        """See `Renderer`."""
 
     def restart(self) -> None:
         """Forget earlier ticks."""

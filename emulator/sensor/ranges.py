@@ -79,7 +79,7 @@ def draw_values(parts: Sequence[Range], seed: int, episode: int) -> dict[str, Nu
     """Draw the values of an episode.
 
     Args:
-        parts: As of `bound_ranges`.
+        parts: See `bound_ranges`.
         seed: Any whole number; it counts modulo 2^64.
         episode: Number of the episode, 0 ... 2^63 - 1.
 

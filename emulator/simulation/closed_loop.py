@@ -75,13 +75,13 @@ class ClosedLoop(Resumable):
         """Make a world with these cameras, all of the same kind, and a loop around it.
 
         Args:
-            scene: As of World.
+            scene: See `World`.
             cameras: Names of the model's cameras, or descriptions; "" is its first, else a free
                 camera.
             tick_us: Length of a tick, us.
-            sensor: As of World.add_camera, for every camera.
-            render: As of World.add_camera.
-            model: As of World.add_camera.
+            sensor: See `World.add_camera`. It applies to every camera.
+            render: See `World.add_camera`.
+            model: See `World.add_camera`.
             seed: Every random number follows from it.
             threads: Worker threads; 0: one a core.
             limits: Name of a sensor of the model -> (low, high); a reading outside ends the
@@ -89,7 +89,7 @@ class ClosedLoop(Resumable):
             max_s: Simulated seconds after which the episode ends; None: it has no end.
             delays: Between cameras, controller and actuators; None: there are none.
             meter: Measures how long each stage takes.
-            visual: As of World.
+            visual: See `World`.
 
         Raises:
             EvsError: An argument makes no sense; one line.
@@ -117,9 +117,9 @@ class ClosedLoop(Resumable):
 
         Args:
             world: The world.
-            limits: As of the class.
-            max_s: As of the class.
-            delays: As of the class.
+            limits: See the class.
+            max_s: See the class.
+            delays: See the class.
 
         Raises:
             EvsError: An argument makes no sense.

@@ -130,7 +130,7 @@ class DeviceBatch:
         """Render a tick of some cameras and step their pixels.
 
         Args:
-            which: As of `_core.CameraBatch.step`.
+            which: See `_core.CameraBatch.step`.
             poses: As there, by world and by camera.
             t_begin_us: As there.
             tick_us: As there.

@@ -228,7 +228,8 @@ class EventCamera(Resumable):
         """Change parameters of the sensor while it runs, from the next observe on.
 
         Args:
-            **keys: As of Camera.adjust: `pos_thres=0.3`, `**{"biases.bias_diff_on": 20}`.
+            **keys: See `Camera.adjust`. Examples: `pos_thres=0.3` and
+                `**{"biases.bias_diff_on": 20}`.
 
         Raises:
             EvsError: As Camera.adjust; nothing has changed.

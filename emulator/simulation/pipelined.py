@@ -177,17 +177,17 @@ class PipelinedWorld:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """As of the world."""
+        """See `World`."""
         return self._world.left_out
 
     @property
     def chosen(self) -> tuple[str, ...]:
-        """As of the world."""
+        """See `World`."""
         return self._world.chosen
 
     @property
     def substeps(self) -> object:
-        """As of the world."""
+        """See `World`."""
         return self._world.substeps
 
 

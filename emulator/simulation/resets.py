@@ -28,33 +28,33 @@ class ResettableWorld(Protocol):
 
     @property
     def physics(self) -> Physics:
-        """As of World."""
+        """See `World`."""
 
     @property
     def data(self) -> MjData:
-        """As of World."""
+        """See `World`."""
 
     @property
     def identity(self) -> dict[str, Any]:
-        """As of World."""
+        """See `World`."""
 
     def start_physics(self, keyframe: int) -> None:
-        """As of World."""
+        """See `World`."""
 
     def values_of(self, blob: bytes) -> AbstractContextManager[None]:
-        """As of World."""
+        """See `World`."""
 
     def with_values(self, values: Mapping[str, float] | None) -> AbstractContextManager[None]:
-        """As of World."""
+        """See `World`."""
 
     def arrays(self) -> Saved:
-        """As of World."""
+        """See `World`."""
 
     def prepare_restore(self, saved: Saved) -> Commit:
-        """As of World."""
+        """See `World`."""
 
     def see_closely(self) -> bool:
-        """As of World."""
+        """See `World`."""
 
 
 def over_at_once(reason: str) -> EvsError:
@@ -106,7 +106,7 @@ def restore_worlds(worlds: Sequence[ResettableWorld], blobs: Sequence[bytes]) ->
         blobs: What World.save gave, for each.
 
     Raises:
-        EvsError: As of World.restore; nothing has changed.
+        EvsError: See `World.restore`. Nothing has changed.
     """
     with ExitStack() as undo:
         for world, blob in zip(worlds, blobs, strict=True):
@@ -123,7 +123,7 @@ def prepare_restore_worlds(worlds: Sequence[ResettableWorld], saved: Sequence[Sa
 
     Args:
         worlds: The worlds, within `values_of` of their states.
-        saved: As of World.prepare_restore, for each.
+        saved: One state for each world; see `World.prepare_restore`.
 
     Raises:
         EvsError: One is damaged; nothing has changed.

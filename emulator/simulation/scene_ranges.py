@@ -66,8 +66,8 @@ class SceneRanges:
 
         Args:
             ranges: Key -> its range, as described above.
-            scene: As of World. A MjModel is only read; what is nominal is what it has now.
-            visual: As of World; geoms that it hides have no colour.
+            scene: See `World`. An MjModel is only read; its present values are the nominal ones.
+            visual: See `World`. Geoms that it hides have no colour.
 
         Raises:
             EvsError: No such object, attribute or distribution, a range outside the key's own, two

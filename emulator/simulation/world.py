@@ -273,7 +273,7 @@ class World(Resumable):
         """Add a view of the world without pixels and events: light and ground truth on request.
 
         Args:
-            camera: As of add_camera.
+            camera: See `add_camera`.
             sensor: Its size alone counts.
             render: How light reaches the pixels; None: the defaults.
             rgb: Whether colour is wanted too.
@@ -282,7 +282,7 @@ class World(Resumable):
             The view.
 
         Raises:
-            EvsError: As of add_camera.
+            EvsError: See `add_camera`.
         """
         plan = plan_camera(camera, sensor, render, None, None, self._seed, self._threads)
         return self._add_view(plan, rgb)
@@ -313,7 +313,7 @@ class World(Resumable):
         """Show the model as it is now, where somebody has edited it. Raises EvsError.
 
         Args:
-            close: As of LiveScene.outdated.
+            close: See `LiveScene.outdated`.
         """
         if not self._scene.outdated(close):
             return
@@ -469,7 +469,7 @@ class World(Resumable):
         """Remember the last two instants, after ticks that were taken elsewhere.
 
         Args:
-            places: As of SnapshotTaker.places, now.
+            places: See `SnapshotTaker.places`.
             before: One tick ago.
 
         Returns:

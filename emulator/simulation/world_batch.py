@@ -99,7 +99,7 @@ class WorldBatch:
             which: (k,) int32 their numbers.
 
         Raises:
-            EvsError: As of World.step.
+            EvsError: See `World.step`.
         """
         for world in which[~self._is_controlled[which]].tolist():
             if world not in self._lent:

@@ -108,20 +108,20 @@ class Worlds:
         """Load the scene once, and make so many worlds of it.
 
         Args:
-            scene: As of World.
+            scene: See `World`.
             count: How many worlds.
-            tick_us: As of World.
-            control: As of World; a function is called for one world after the other.
+            tick_us: See `World`.
+            control: See `World`. A function is called for each world in turn.
             seed: The seed of world 0; world i has seed + 65536 i.
             threads: Worlds at once; 0: one a core.
             limits: Name of a sensor of the model -> (low, high); a world with a reading outside
                 ends.
             sensors: Names of sensors that `readings` has; None: nothing is measured, but for
                 limits.
-            visual: As of World.
+            visual: See `World`.
 
         Raises:
-            EvsError: As of World, there is no world, or no such sensor.
+            EvsError: See `World`; or there is no world, or no such sensor.
         """
         count = plain_integer(count, "count")
         if not 1 <= count <= MAX_WORLDS:
@@ -177,17 +177,17 @@ class Worlds:
         """Add a camera to every world.
 
         Args:
-            camera: As of World.add_camera.
-            sensor: As of World.add_camera.
-            render: As of World.add_camera.
-            model: As of World.add_camera.
-            name: As of World.add_camera.
+            camera: See `World.add_camera`.
+            sensor: See `World.add_camera`.
+            render: See `World.add_camera`.
+            model: See `World.add_camera`.
+            name: See `World.add_camera`.
 
         Returns:
             What is constant of its stream in world 0.
 
         Raises:
-            EvsError: As of World.add_camera, or model.chunk is over 1.
+            EvsError: See `World.add_camera`; or `model.chunk` is greater than 1.
         """
         if model is not None and isinstance(model, ModelConfig) and model.chunk > 1:
             raise EvsError(
@@ -357,16 +357,16 @@ class Worlds:
             seed: One seed, from which every world's follows as at first, or a seed for each of
                 `worlds`; None keeps the last.
             worlds: Their numbers; None: all.
-            keyframe: As of World.reset.
-            sensor: As of World.reset, for all of `worlds`, or one for each.
-            scene: As of World.reset, for all of `worlds`, or values for each.
+            keyframe: See `World.reset`.
+            sensor: See `World.reset`: one for all of `worlds`, or one for each.
+            scene: See `World.reset`: values for all of `worlds`, or for each.
             start: Puts the MjData of a world into another state.
             must_run: Whether a start outside the limits, where an episode is over at once, is an
                 error.
 
         Raises:
-            EvsError: As of World.reset, a number that no world has, or another number of seeds,
-                sensors or scenes; nothing has changed in any world.
+            EvsError: See `World.reset`; or a world does not exist, or the number of seeds,
+                sensors or scenes is wrong. No world has changed.
         """
         chosen = self._chosen(worlds)
         seeds: list[int | None]
@@ -423,7 +423,7 @@ class Worlds:
 
         Args:
             worlds: Their numbers; None: all.
-            compress: As of World.save.
+            compress: See `World.save`.
         """
         chosen = self._chosen(worlds)
         self._see_edits()
@@ -438,7 +438,7 @@ class Worlds:
             worlds: Their numbers; None: all.
 
         Raises:
-            EvsError: As of World.restore; nothing has changed in any world.
+            EvsError: See `World.restore`. No world has changed.
         """
         chosen, blobs = self._chosen(worlds), [*blobs]
         if len(blobs) != len(chosen):

@@ -137,7 +137,7 @@ def bind_camera(
         width: Of the sensor, px.
         height: Of the sensor, px.
         config: A description, or other optics for a camera of the model.
-        shown: As of robot_box.
+        shown: See `robot_box`.
 
     Raises:
         EvsError: An unknown name, a resolution or angle that makes no picture, or a description

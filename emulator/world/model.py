@@ -375,7 +375,7 @@ class ModelDigest:
         self._last: tuple[int, str] | None = None
 
     def __call__(self) -> str:
-        """As of digest_of, of the model as it is now."""
+        """The digest of the model in its present state; see `digest_of`."""
         image = _image(self._model)
         quick = _core.digest([image])
         if self._last is None or self._last[0] != quick:

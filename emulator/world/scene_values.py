@@ -92,10 +92,10 @@ class SceneValues:
         """As `put`; if the block raises, the model has the bytes again that it had before.
 
         Args:
-            values: As of `put`.
+            values: See `put`.
 
         Raises:
-            EvsError: As of `put`.
+            EvsError: See `put`.
         """
         checked = self.check(values)
         if checked == self.values:

@@ -164,7 +164,7 @@ class CutWatch(StopWatch):
         self._sums_s: dict[str, float] = {}
 
     def lap(self, stage: str) -> None:
-        """As of StopWatch."""
+        """See `StopWatch`."""
         before_s = self.so_far_s(stage)
         super().lap(stage)
         taken_s = self.so_far_s(stage) - before_s

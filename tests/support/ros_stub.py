@@ -127,39 +127,39 @@ GRAPH = Graph()
 
 
 class NotInitializedException(Exception):
-    """As of rclpy.exceptions."""
+    """See `rclpy.exceptions`."""
 
 
 class ParameterException(Exception):
-    """As of rclpy.exceptions."""
+    """See `rclpy.exceptions`."""
 
     def __init__(self, error_msg: str, parameters: Any, *args: Any) -> None:
         super().__init__(f"{error_msg}: {parameters}", *args)
 
 
 class ParameterNotDeclaredException(ParameterException):
-    """As of rclpy.exceptions."""
+    """See `rclpy.exceptions`."""
 
     def __init__(self, parameters: Any) -> None:
         super().__init__("Invalid access to undeclared parameter(s)", parameters)
 
 
 class ParameterAlreadyDeclaredException(ParameterException):
-    """As of rclpy.exceptions."""
+    """See `rclpy.exceptions`."""
 
     def __init__(self, parameters: Any) -> None:
         super().__init__("Parameter(s) already declared", parameters)
 
 
 class InvalidParameterTypeException(ParameterException):
-    """As of rclpy.exceptions."""
+    """See `rclpy.exceptions`."""
 
     def __init__(self, parameter: Any, expected: str) -> None:
         super().__init__(f"Trying to set parameter to a type other than {expected}", parameter.name)
 
 
 class InvalidParameterValueException(ParameterException):
-    """As of rclpy.exceptions."""
+    """See `rclpy.exceptions`."""
 
     def __init__(self, parameter: str, value: Any, reason: str) -> None:
         super().__init__(
@@ -168,11 +168,11 @@ class InvalidParameterValueException(ParameterException):
 
 
 class ExternalShutdownException(Exception):
-    """As of rclpy.executors."""
+    """See `rclpy.executors`."""
 
 
 class Parameter:
-    """As of rclpy.parameter."""
+    """See `rclpy.parameter`."""
 
     class Type(IntEnum):
         """Types of values."""
@@ -234,7 +234,7 @@ class Parameter:
 
 
 class HistoryPolicy(IntEnum):
-    """As of rclpy.qos."""
+    """See `rclpy.qos`."""
 
     SYSTEM_DEFAULT = 0
     KEEP_LAST = 1
@@ -242,7 +242,7 @@ class HistoryPolicy(IntEnum):
 
 
 class ReliabilityPolicy(IntEnum):
-    """As of rclpy.qos."""
+    """See `rclpy.qos`."""
 
     SYSTEM_DEFAULT = 0
     RELIABLE = 1
@@ -250,7 +250,7 @@ class ReliabilityPolicy(IntEnum):
 
 
 class DurabilityPolicy(IntEnum):
-    """As of rclpy.qos."""
+    """See `rclpy.qos`."""
 
     SYSTEM_DEFAULT = 0
     TRANSIENT_LOCAL = 1
@@ -258,7 +258,7 @@ class DurabilityPolicy(IntEnum):
 
 
 class QoSProfile:
-    """As of rclpy.qos."""
+    """See `rclpy.qos`."""
 
     def __init__(
         self,
@@ -276,7 +276,7 @@ class QoSProfile:
 
 
 class ClockType(IntEnum):
-    """As of rclpy.clock."""
+    """See `rclpy.clock`."""
 
     ROS_TIME = 1
     SYSTEM_TIME = 2
@@ -284,7 +284,7 @@ class ClockType(IntEnum):
 
 
 class Time:
-    """As of rclpy.time."""
+    """See `rclpy.time`."""
 
     def to_msg(self) -> Any:
         """A fixed time."""
@@ -292,7 +292,7 @@ class Time:
 
 
 class Clock:
-    """As of rclpy.clock."""
+    """See `rclpy.clock`."""
 
     def __init__(self, *, clock_type: ClockType = ClockType.SYSTEM_TIME) -> None:
         assert isinstance(clock_type, ClockType)
@@ -304,14 +304,14 @@ class Clock:
 
 
 class Timer:
-    """As of rclpy.timer; a test calls its callback."""
+    """See `rclpy.timer`; a test calls its callback."""
 
     def __init__(self, callback: Callable[[], None], period_ns: int, clock: Clock) -> None:
         self.callback, self.timer_period_ns, self.clock = callback, period_ns, clock
 
 
 class Publisher:
-    """As of rclpy.publisher."""
+    """See `rclpy.publisher`."""
 
     def __init__(self, msg_type: Any, topic: str, qos_profile: QoSProfile) -> None:
         self.msg_type, self.topic, self.qos_profile = msg_type, topic, qos_profile
@@ -342,7 +342,7 @@ class Publisher:
 
 
 class TransitionCallbackReturn(Enum):
-    """As of rclpy.lifecycle; pybind11's enum has these values."""
+    """See `rclpy.lifecycle`; pybind11's enum has these values."""
 
     SUCCESS = 97
     FAILURE = 98
@@ -350,14 +350,14 @@ class TransitionCallbackReturn(Enum):
 
 
 class LifecycleState(NamedTuple):
-    """As of rclpy.lifecycle."""
+    """See `rclpy.lifecycle`."""
 
     label: str
     state_id: int
 
 
 class LifecyclePublisher(Publisher):
-    """As of rclpy.lifecycle: silent unless its node is active."""
+    """See `rclpy.lifecycle`: silent unless its node is active."""
 
     is_activated = False
 
@@ -368,7 +368,7 @@ class LifecyclePublisher(Publisher):
 
 
 class Context:
-    """As of rclpy.context."""
+    """See `rclpy.context`."""
 
     def ok(self) -> bool:
         """Whether ROS was not shut down."""
@@ -376,7 +376,7 @@ class Context:
 
 
 class Logger:
-    """As of rclpy.impl.rcutils_logger."""
+    """See `rclpy.impl.rcutils_logger`."""
 
     def info(self, message: str) -> None:
         """Log a line."""
@@ -418,7 +418,7 @@ OWN_NAMES = {
 
 
 class LifecycleNode:
-    """As of rclpy.lifecycle and rclpy.node. Private names are those of rclpy."""
+    """See `rclpy.lifecycle` and rclpy.node. Private names are those of rclpy."""
 
     PARAM_REL_TOL = 1e-6
 
@@ -731,17 +731,17 @@ def _between(limits: Any, value: Any) -> str:
 
 
 def init(*, args: Any = None) -> None:
-    """As of rclpy."""
+    """See `rclpy`."""
     GRAPH.initialized = True
 
 
 def spin(node: LifecycleNode) -> None:
-    """As of rclpy."""
+    """See `rclpy`."""
     GRAPH.spun(node)
 
 
 def try_shutdown() -> None:
-    """As of rclpy."""
+    """See `rclpy`."""
     GRAPH.is_up = False
 
 
@@ -768,7 +768,7 @@ class Action:
 
 
 class DeclareLaunchArgument(Action):
-    """As of launch.actions."""
+    """See `launch.actions`."""
 
     def __init__(
         self,
@@ -784,7 +784,7 @@ class DeclareLaunchArgument(Action):
 
 
 class EmitEvent(Action):
-    """As of launch.actions."""
+    """See `launch.actions`."""
 
     def __init__(self, *, event: ChangeState, **more: Any) -> None:
         super().__init__(**more)
@@ -793,7 +793,7 @@ class EmitEvent(Action):
 
 
 class RegisterEventHandler(Action):
-    """As of launch.actions."""
+    """See `launch.actions`."""
 
     def __init__(self, event_handler: OnStateTransition, **more: Any) -> None:
         super().__init__(**more)
@@ -820,7 +820,7 @@ class LifecycleNodeAction(Action):
 
 @dataclass(frozen=True, kw_only=True)
 class ChangeState:
-    """As of launch_ros.events.lifecycle."""
+    """See `launch_ros.events.lifecycle`."""
 
     lifecycle_node_matcher: Callable[[Any], bool]
     transition_id: int
@@ -828,7 +828,7 @@ class ChangeState:
 
 @dataclass(frozen=True, kw_only=True)
 class OnStateTransition:
-    """As of launch_ros.event_handlers."""
+    """See `launch_ros.event_handlers`."""
 
     entities: list[Action]
     target_lifecycle_node: LifecycleNodeAction
@@ -837,7 +837,7 @@ class OnStateTransition:
 
 
 class ParameterValue:
-    """As of launch_ros.parameter_descriptions."""
+    """See `launch_ros.parameter_descriptions`."""
 
     def __init__(self, value: Substitution, *, value_type: type | None = None) -> None:
         self.value, self.value_type = value, value_type
@@ -845,7 +845,7 @@ class ParameterValue:
 
 @dataclass(frozen=True)
 class LaunchDescription:
-    """As of launch."""
+    """See `launch`."""
 
     entities: list[Action]
 

@@ -92,7 +92,7 @@ def cached_kernel(name: str, architecture: int, defined: Mapping[str, int]) -> b
         defined: Macros.
 
     Raises:
-        EvsError: As of compile_kernel.
+        EvsError: See `compile_kernel`.
     """
     told = sha256(repr((architecture, sorted(defined.items()), SAME_BYTES)).encode())
     _, *version = compiler().nvrtcVersion()
@@ -126,13 +126,13 @@ def kernels_of(
 
     Args:
         gpu: Where they run.
-        name: As of cached_kernel.
+        name: See `cached_kernel`.
         functions: Names of the kernels.
         defined: Macros.
         prepare: A kernel of the file without parameters, which a single thread runs first.
 
     Raises:
-        EvsError: As of compile_kernel.
+        EvsError: See `compile_kernel`.
     """
     key = name, *sorted(defined.items())
     if key not in gpu.loaded:

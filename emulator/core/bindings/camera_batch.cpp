@@ -408,7 +408,7 @@ void bind_camera_batch(nb::module_& m) {
            "    pixels: The pixels.\n"
            "    state: The arrays of the state, by the names that `PixelArray.step` takes.\n"
            "    seed: The seed of its light's noise.\n"
-           "    clock_us, ticks, all_due: As of `PixelArray.step`.\n"
+           "    clock_us, ticks, all_due: See `PixelArray.step`.\n"
            "    tick_us: The length of the last tick.")
       .def("put_readout", &CameraBatch::put_readout, nb::arg("camera"), nb::arg("readout"),
            nb::arg("clock").noconvert(), nb::arg("waiting").noconvert(),
@@ -418,7 +418,7 @@ void bind_camera_batch(nb::module_& m) {
            "Args:\n"
            "    camera: Its number.\n"
            "    readout: The Readout.\n"
-           "    clock: As of `Readout.step`, modified in place from now on.\n"
+           "    clock: See `Readout.step`. It is modified in place from now on.\n"
            "    waiting, due_ns: As there.")
       .def("waiting", &CameraBatch::waiting, nb::arg("camera"),
            "Return what waits in the readout of a camera: waiting and due_ns of `Readout.step`.")
@@ -444,11 +444,11 @@ void bind_camera_batch(nb::module_& m) {
            "\n"
            "Args:\n"
            "    which, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat, tick_us:\n"
-           "        As of `step`.\n"
+           "        See `step`.\n"
            "    first: How many cameras of this tick were laid out before.\n"
            "    tick: Where `staged` will lie on the device.\n"
            "    luminance: Where the light of all cameras, (n, h, w) float32, will.\n"
-           "    crossings, crossing_room, candidates, candidate_room, counts: As of\n"
+           "    crossings, crossing_room, candidates, candidate_room, counts: See\n"
            "        DevicePixels.copy_arguments, camera after camera of the tick.\n"
            "    staged: (k, tick_bytes of the largest) uint8, the output: what the tick changes.\n"
            "    frames: (k, argument_bytes + 8) uint8, the output: a frame, and where its light "
@@ -463,7 +463,7 @@ void bind_camera_batch(nb::module_& m) {
            "    crossings: (8 n,) uint8, camera after camera.\n"
            "    begins: (k + 1,) uint32, where those of each begin, and n.\n"
            "    clamped: (k,) int64, pixels with unusable luminance.\n"
-           "    t_begin_us, tick_us: As of `step`.")
+           "    t_begin_us, tick_us: See `step`.")
       .def("numbers", &CameraBatch::numbers, nb::arg("camera"),
            "Return clock_us, tick_us and ticks of a camera, and the pixels clamped since `put`.")
       .def("step", &CameraBatch::step, nb::arg("which"), nb::arg("geom_pos"), nb::arg("geom_mat"),

@@ -42,18 +42,18 @@ class CudaEvsNetModel(EvsNetModel):
         """Put a network on a sensor, and both on a GPU.
 
         Args:
-            sensor: As of EvsNetModel.
-            weights: As of EvsNetModel, of our design.
-            provider: As of EvsNetModel.
-            isa: As of EvsNetModel; the GPU has its own.
-            initial: As of EvsNetModel.
-            sparse: As of EvsNetModel.
-            events_per_tick: As of EvsNetModel.
-            labels: As of EvsNetModel.
-            switches: As of EvsNetModel.
+            sensor: See `EvsNetModel`.
+            weights: See `EvsNetModel`. The network must have the native design.
+            provider: See `EvsNetModel`.
+            isa: See `EvsNetModel`. The GPU ignores it.
+            initial: See `EvsNetModel`.
+            sparse: See `EvsNetModel`.
+            events_per_tick: See `EvsNetModel`.
+            labels: See `EvsNetModel`.
+            switches: See `EvsNetModel`.
 
         Raises:
-            EvsError: As of EvsNetModel; or there is no GPU, or no memory on it.
+            EvsError: See `EvsNetModel`; or there is no GPU, or its memory is full.
         """
         super().__init__(
             sensor,
@@ -87,7 +87,7 @@ class CudaEvsNetModel(EvsNetModel):
     def step(
         self, luminance: Any, state: Any, t_begin_us: int, t_end_us: int
     ) -> tuple[Events, Any]:
-        """As of EvsNetModel; luminance may be on the GPU (DeviceLight)."""
+        """See `EvsNetModel`; luminance may be on the GPU (DeviceLight)."""
         there, tick_us = _on_gpu(state), self.weights.tick_us
         if not there.numbers.ticks:
             t_begin_us = t_end_us - tick_us
@@ -101,7 +101,7 @@ class CudaEvsNetModel(EvsNetModel):
     def step_chunk(
         self, luminance: Any, state: Any, t_begin_us: int, tick_us: int
     ) -> tuple[list[Events], Any]:
-        """As of EvsNetModel."""
+        """See `EvsNetModel`."""
         there = _on_gpu(state)
         light = self._checked(luminance, there.numbers, t_begin_us, tick_us)
         events = [

@@ -189,7 +189,7 @@ class CudaNetworkState:
 
     @property
     def clamps(self) -> int:
-        """As of NetworkState."""
+        """See `NetworkState`."""
         return self.numbers.clamps
 
     def changed(self) -> None:
@@ -232,11 +232,11 @@ class CudaNetworkState:
         return replace(self.numbers, arrays={**frames, **own})
 
     def copy(self) -> CudaNetworkState:
-        """As of NetworkState."""
+        """See `NetworkState`."""
         return CudaNetworkState(self.network, self.fetched())
 
     def save(self) -> dict[str, np.ndarray[Any, Any]]:
-        """As of NetworkState."""
+        """See `NetworkState`."""
         return self.fetched().save()
 
     def _rows(self, tile_row: npt.NDArray[np.int32]) -> F32:

@@ -91,7 +91,7 @@ class UploadedScene:
         """Where the kernels write the light, as a parameter of theirs.
 
         Args:
-            into: As of `download`.
+            into: See `download`.
         """
         memory = into.memory if isinstance(into, DeviceLight) else self.light
         return memory.argument

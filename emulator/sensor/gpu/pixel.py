@@ -66,12 +66,12 @@ class CudaPlainState:
         return self.numbers
 
     def save(self) -> dict[str, npt.NDArray[Any]]:
-        """As of PlainState."""
+        """See `PlainState`."""
         return self.fetched().save()
 
     @property
     def clamps(self) -> int:
-        """As of PlainState."""
+        """See `PlainState`."""
         return self.numbers.clamps
 
 
@@ -94,12 +94,12 @@ class CudaPlainModel(PlainModel):
         """Compile the kernels unless they are in the cache; nothing is drawn yet.
 
         Args:
-            sensor: As of PlainModel.
-            threads: As of PlainModel.
-            isa: As of PlainModel.
-            average: As of PlainModel.
-            causes: As of PlainModel.
-            switches: As of PlainModel.
+            sensor: See `PlainModel`.
+            threads: See `PlainModel`.
+            isa: See `PlainModel`.
+            average: See `PlainModel`.
+            causes: See `PlainModel`.
+            switches: See `PlainModel`.
 
         Raises:
             EvsError: There is no GPU.
@@ -140,7 +140,7 @@ class CudaPlainModel(PlainModel):
     def step(
         self, luminance: Any, state: Any, t_begin_us: int, t_end_us: int
     ) -> tuple[Events, Any]:
-        """As of PlainModel.step.
+        """See `PlainModel.step`.
 
         Args:
             luminance: (h, w) float32, linear, here or on the GPU (DeviceLight).
@@ -384,7 +384,7 @@ def pixel_kernels(gpu: Gpu, terms: Mapping[str, int], many: bool = False) -> lis
         many: Whether a launch steps many cameras.
 
     Raises:
-        EvsError: As of compile_kernel.
+        EvsError: See `compile_kernel`.
     """
     step = "step_blocks_of_many" if many else "step_blocks"
     names = step, "place_crossings", "pack_crossings"

@@ -27,9 +27,9 @@ def compiled(
 
     Args:
         kernel: Name of a file of emulator/core/ROOM/gpu or emulator/core/tests/gpu, without .cu.
-        target: As of compile_kernel.
-        defined: As of compile_kernel.
-        options: As of compile_kernel.
+        target: See `compile_kernel`.
+        defined: See `compile_kernel`.
+        options: See `compile_kernel`.
     """
     folders = (*(CORE / room / "gpu" for room in ROOMS), TESTED)
     folder = next(f for f in folders if (f / f"{kernel}.cu").is_file())

@@ -23,7 +23,7 @@ def of_light(log_light: F64, tick_us: int, times_us: Sequence[int], cutoff_rad_s
         log_light: (ticks + 1, height, width), from 0 us on.
         tick_us: Between two of them.
         times_us: When to read the state: multiples of tick_us.
-        cutoff_rad_s: As of `complementary_filter`.
+        cutoff_rad_s: See `complementary_filter`.
 
     Returns:
         (times, height, width) log units.
