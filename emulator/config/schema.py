@@ -216,7 +216,7 @@ class RenderConfig:
     bounces: int = 2
     """hybrid, path: the most bounces between surfaces: 0 ... 64"""
     sampler: str = "owen"
-    """path: the sample pattern: owen | sobol | global | random (docs/explanation/light.md) |
+    """path: the sample pattern: owen | sobol | global | random (docs/explanation/paths.md) |
     anchored: as owen, but the noise moves with the visible surface (for studies)"""
     headlight: str = "model"
     """model: as the model sets it | off: no headlight"""

@@ -17,7 +17,7 @@ they are the plain means of what has been seen.
 This is the oracle of the event model `adaptive`: sixteen float32 additions, multiplications and
 divisions a pixel and tick, in this order, none fused. No denormal outlives a tick and no square
 overflows, so the bytes do not depend on whether a thread flushes denormals.
-docs/explanation/pixel.md describes how the constants were fitted.
+lab/docs/evidence/pixel.md describes how the constants were fitted.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ pixel (.01 is what the truth's own noise makes of it), F1 of one-to-one pairs wi
 pixel, as EMD alone rewards silence. Where next to nothing happens there is no F1, and it is EMD
 alone.
 
-docs/explanation/pixel.md has the tables of
+lab/docs/evidence/pixel.md has the tables of
 `.venv/bin/pytest -m bench -s lab/tests/bench/test_sensor_adaptive_fit.py`.
 """
 

@@ -1,6 +1,6 @@
 """The davis346 beside what is published of real ones: leak, its tail, shadows, latency.
 
-`pytest -s` prints the column "measured" of the table in docs/explanation/pixel.md.
+`pytest -s` prints the column "measured" of the table in lab/docs/evidence/pixel.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Photon noise of the chips' presets beside what is published of real ones.
 
-`pytest -s` prints the columns "measured" of the tables in docs/explanation/pixel.md.
+`pytest -s` prints the columns "measured" of the tables in lab/docs/evidence/pixel.md.
 """
 
 from __future__ import annotations
