@@ -49,9 +49,6 @@ GROUPS = {
         "play": "publish a recording on the bus, as the camera did",
     },
     "Measure and choose": {
-        "characterise": (
-            "measure a virtual sensor: thresholds, latency, bandwidth, noise, range, peak rate"
-        ),
         "fit": "fit a sensor file to recordings of your own camera",
     },
     "Data and training": {
@@ -77,7 +74,7 @@ launch/support."""
 
 COMMANDS = {name: what for group in GROUPS.values() for name, what in group.items()}
 
-LAB = ("evaluate", "sweep", "train", "tune")
+LAB = ("characterise", "evaluate", "sweep", "train", "tune")
 """Commands of evs-lab, a distribution of its own."""
 
 ABOUT = """evs: an event camera for MuJoCo scenes.

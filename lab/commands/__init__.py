@@ -2,6 +2,9 @@
 
 GROUPS = {
     "Measure and choose": {
+        "characterise": (
+            "measure a virtual sensor: thresholds, latency, bandwidth, noise, range, peak rate"
+        ),
         "evaluate": "measure event models (error, recall, timing, cost) against converged light",
         "sweep": "measure speed against error, around each preset, beside frame-based ways",
         "tune": (

@@ -113,7 +113,7 @@ def _shown(sensor: Description) -> dict[str, Any]:
 def _dark_noise_hz(name: str) -> float:
     """Noise events of a pixel of a preset without light."""
     from evs.emulator.sensor import resolve_sensor
-    from evs.tools.characterise.expected_noise import noise_rate_hz
+    from evs.emulator.sensor.noise_rate import noise_rate_hz
 
     return noise_rate_hz(resolve_sensor(SensorConfig(preset=name)), 0.0)
 

@@ -119,7 +119,6 @@ def test_a_class_of_the_same_name_is_told_apart() -> None:
         (["emulate", "--duraton", "1"], "unrecognized arguments: --duraton; nearest: --duration ("),
         (["view", "x", "--sped=2"], "nearest: --speed ("),
         (["emulate", "x.xml", "--seed", "-1"], "at seed: -1; give 0 or more"),
-        (["characterise", "ideal", "seed=-1"], "at seed: -1; give 0 or more"),
         (["loop", "pencil", "--seed", "-1"], "--seed is -1: give 0 or more"),
     ],
 )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.sensor import SensorParameters
-from evs.tools.characterise.expected_noise import photon_rate_hz
+from evs.emulator.sensor.noise_rate import photon_rate_hz
 from evs.tools.fit.estimate import Estimate, cannot
 from evs.tools.fit.still import Background
 
@@ -19,7 +19,7 @@ STEP = 0.02
 """relative, of the derivatives"""
 
 MODEL_ERROR = 0.1
-"""of the predicted rate, relative: tests/tools/characterise/test_characterise_noise.py"""
+"""of the predicted rate, relative: lab/tests/characterise/test_characterise_noise.py"""
 
 UNEVEN_ERROR = 2.0
 """of the same, times the difference of the thresholds over their mean: the prediction takes their

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from evs.emulator.config import ModelConfig, SensorConfig
 from evs.emulator.sensor import PlainModel, SensorParameters, preset_names, resolve_sensor
 from evs.emulator.sensor.reference.filters import bandwidth
 from evs.msgs import EvsError
-from evs.tools.characterise.expected import pole_hz, step_time_s
 
 SIZES = {
     "davis240": (240, 180),
@@ -58,13 +56,12 @@ NOISE = (
     *("shot_noise_rate_hz", "photocurrent_pa", "noise_rate_cov_decades", "refractory_period_s"),
     *("hot_leak_median_hz", "dead_pixel_fraction", "sigma_thres", "dark_lux"),
 )
-LATENCY_US = {"davis346": 20, "davis240": 12, "dvxplorer": 50, "imx636": 100, "genx320": 150}
-"""of a step of 100 % at 1 klux, as the files state"""
 
 
 def slower_hz(chip: SensorParameters, lux: float) -> float:
     """The pole that both poles are as one to noise: f1 f2 / (f1 + f2)."""
-    first, second = pole_hz(chip, lux), chip.follower_hz
+    first = chip.cutoff_hz * (lux + chip.dark_current_lux) / chip.bright_lux
+    second = chip.follower_hz
     return first * second / (first + second)
 
 
@@ -105,26 +102,6 @@ def test_v2e_has_the_pixel_of_v2e() -> None:
     dn = np.array([0.0, 100.0, 255.0], np.float32)
     share = bandwidth(ours, dn, 1000) / (2 * math.pi * 0.3)
     assert share == pytest.approx((dn + 20) / 275, rel=1e-6)
-
-
-def latency_s(chip: SensorParameters, lux: float) -> float:
-    """Of a step of 100 % to an illuminance, whose first event is that of the mean threshold."""
-    return step_time_s(chip, lux, chip.pos_thres / math.log(2.0), math.log(2.0))
-
-
-@pytest.mark.parametrize("name", LATENCY_US)
-def test_bandwidth_gives_the_latency_that_the_maker_states(name: str) -> None:
-    """That of the DAVIS is the best of all biases; here the follower has those of libcaer."""
-    chip = resolve_sensor(SensorConfig(name))
-    if name.startswith("davis"):
-        assert latency_s(replace(chip, follower_hz=0.0), 1000.0) < LATENCY_US[name] * 1e-6
-    else:
-        assert latency_s(chip, 1000.0) == pytest.approx(LATENCY_US[name] * 1e-6, rel=0.01)
-
-
-def test_imx636_is_within_sonys_limit_in_dim_light() -> None:
-    """1 ms at 5 lux."""
-    assert latency_s(resolve_sensor(SensorConfig("imx636")), 5.0) < 1e-3
 
 
 def test_configuration_overrides_the_preset() -> None:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.emulator.sensor import SensorParameters
-from evs.tools.characterise.bench import Bench, pixel_numbers, share_of
-from evs.tools.characterise.quantity import Quantity
-from evs.tools.characterise.settle import growing_us, window_us
+from evs_lab.characterise.bench import Bench, pixel_numbers, share_of
+from evs_lab.characterise.quantity import Quantity
+from evs_lab.characterise.settle import growing_us, window_us
 
 LUX = 1000.0
 STEP = 5.0

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from evs.emulator.sensor.noise_rate import normal_cdf
+
 F64 = npt.NDArray[np.float64]
 
 
@@ -19,11 +21,6 @@ class Normal:
     sigma: float
     mean_error: float
     sigma_error: float
-
-
-def normal_cdf(z: float) -> float:
-    """Probability below z."""
-    return 0.5 * math.erfc(-z / math.sqrt(2.0))
 
 
 def normal_pdf(z: float) -> float:

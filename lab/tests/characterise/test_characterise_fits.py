@@ -11,14 +11,18 @@ import pytest
 from scipy import optimize, stats
 
 from evs.drivers.pictures.chart import Chart, Scale, Series, decades_around, draw_charts
-from evs.emulator.sensor import SensorParameters
-from evs.tools.characterise import expected
-from evs.tools.characterise.background import Spreads, leak_without_noise, mean_excess
-from evs.tools.characterise.bench import Bench, corner
-from evs.tools.characterise.fit import crossing, fit_normal, mean_and_error
-from evs.tools.characterise.quantity import Quantity, table_rows
+from evs.emulator.config import SensorConfig
+from evs.emulator.sensor import SensorParameters, resolve_sensor
+from evs_lab.characterise import expected
+from evs_lab.characterise.background import Spreads, leak_without_noise, mean_excess
+from evs_lab.characterise.bench import Bench, corner
+from evs_lab.characterise.fit import crossing, fit_normal, mean_and_error
+from evs_lab.characterise.quantity import Quantity, table_rows
 
 SENSOR = SensorParameters("s", 20, 10, 0.2, 0.2, 0.02, cutoff_hz=300.0, follower_hz=900.0)
+
+LATENCY_US = {"davis346": 20, "davis240": 12, "dvxplorer": 50, "imx636": 100, "genx320": 150}
+"""of a step of 100 % at 1 klux, as the files state"""
 
 
 @pytest.mark.parametrize("steps", [4, 9, 30])
@@ -216,3 +220,24 @@ def test_a_users_style_changes_no_picture() -> None:
     plain = draw_charts([chart], 1, (400, 300))
     with mpl.rc_context({"axes.facecolor": "black", "font.size": 20}):
         assert np.array_equal(draw_charts([chart], 1, (400, 300)), plain)
+
+
+def latency_s(chip: SensorParameters, lux: float) -> float:
+    """Of a step of 100 % to an illuminance, whose first event is that of the mean threshold."""
+    return expected.step_time_s(chip, lux, chip.pos_thres / math.log(2.0), math.log(2.0))
+
+
+@pytest.mark.parametrize("name", LATENCY_US)
+def test_bandwidth_gives_the_latency_that_the_maker_states(name: str) -> None:
+    """That of the DAVIS is the best of all biases; here the follower has those of libcaer."""
+    chip = resolve_sensor(SensorConfig(name))
+    if name.startswith("davis"):
+        fast = dataclasses.replace(chip, follower_hz=0.0)
+        assert latency_s(fast, 1000.0) < LATENCY_US[name] * 1e-6
+    else:
+        assert latency_s(chip, 1000.0) == pytest.approx(LATENCY_US[name] * 1e-6, rel=0.01)
+
+
+def test_imx636_is_within_sonys_limit_in_dim_light() -> None:
+    """1 ms at 5 lux."""
+    assert latency_s(resolve_sensor(SensorConfig("imx636")), 5.0) < 1e-3

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evs.tools.characterise.bench import F64, Bench, LightExposure, Mask, answered, pixel_numbers
-from evs.tools.characterise.expected import time_constants_s
+from evs_lab.characterise.bench import F64, Bench, LightExposure, Mask, answered, pixel_numbers
+from evs_lab.characterise.expected import time_constants_s
 
 TIME_CONSTANTS = 9.0
 """how long the bench waits for a response; e^-9 of a step is then still to come"""

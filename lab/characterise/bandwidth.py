@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from evs.emulator.sensor import SensorParameters
-from evs.tools.characterise.bench import F64, Bench, pixel_numbers
-from evs.tools.characterise.expected import half_power_hz
-from evs.tools.characterise.fit import crossing, mean_and_error
-from evs.tools.characterise.quantity import Quantity
+from evs_lab.characterise.bench import F64, Bench, pixel_numbers
+from evs_lab.characterise.expected import half_power_hz
+from evs_lab.characterise.fit import crossing, mean_and_error
+from evs_lab.characterise.quantity import Quantity
 
 LADDER_LUX = (1.0, 10.0, 100.0, 1_000.0, 10_000.0)
 PIXELS = 40_000

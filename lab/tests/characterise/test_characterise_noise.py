@@ -9,9 +9,9 @@ import pytest
 
 from evs.emulator.config import SensorConfig
 from evs.emulator.sensor import SensorParameters, resolve_sensor
-from evs.tools.characterise.background import background_results, measure_background
-from evs.tools.characterise.bench import Bench
-from evs.tools.characterise.expected_noise import noise_rate_hz, photon_rate_hz, shot_rate_hz
+from evs.emulator.sensor.noise_rate import noise_rate_hz, photon_rate_hz, shot_rate_hz
+from evs_lab.characterise.background import background_results, measure_background
+from evs_lab.characterise.bench import Bench
 
 pytestmark = pytest.mark.statistical
 

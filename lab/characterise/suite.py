@@ -12,23 +12,23 @@ import numpy as np
 
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
-from evs.tools.characterise.background import (
+from evs_lab.characterise.background import (
     LADDER_LUX,
     Background,
     background_results,
     measure_background,
 )
-from evs.tools.characterise.bandwidth import LADDER_LUX as BANDWIDTH_LUX
-from evs.tools.characterise.bandwidth import Bandwidth, bandwidth_results, measure_bandwidth
-from evs.tools.characterise.bench import Bench
-from evs.tools.characterise.contrast import Thresholds, measure_thresholds
-from evs.tools.characterise.dynamic_range import DynamicRange, measure_dynamic_range
-from evs.tools.characterise.latency import LADDER_LUX as LATENCY_LUX
-from evs.tools.characterise.latency import Latency, latency_results, measure_latency
-from evs.tools.characterise.peak_rate import PeakRate, measure_peak_rate
-from evs.tools.characterise.quantity import Quantity
-from evs.tools.characterise.ramp import RampThresholds, measure_ramp
-from evs.tools.characterise.refractory import Refractory, measure_refractory
+from evs_lab.characterise.bandwidth import LADDER_LUX as BANDWIDTH_LUX
+from evs_lab.characterise.bandwidth import Bandwidth, bandwidth_results, measure_bandwidth
+from evs_lab.characterise.bench import Bench
+from evs_lab.characterise.contrast import Thresholds, measure_thresholds
+from evs_lab.characterise.dynamic_range import DynamicRange, measure_dynamic_range
+from evs_lab.characterise.latency import LADDER_LUX as LATENCY_LUX
+from evs_lab.characterise.latency import Latency, latency_results, measure_latency
+from evs_lab.characterise.peak_rate import PeakRate, measure_peak_rate
+from evs_lab.characterise.quantity import Quantity
+from evs_lab.characterise.ramp import RampThresholds, measure_ramp
+from evs_lab.characterise.refractory import Refractory, measure_refractory
 
 PIXELS = 100_000
 """At most so many are measured: the upper left corner of a larger sensor."""

@@ -6,7 +6,7 @@ import pytest
 
 from evs.emulator.config import SensorConfig
 from evs.emulator.sensor import resolve_sensor
-from evs.tools.characterise import Bench, measure_latency
+from evs_lab.characterise import Bench, measure_latency
 
 TICKS_US = (10, 100, 1000)
 

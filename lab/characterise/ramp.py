@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.emulator.sensor import SensorParameters
-from evs.tools.characterise.bench import F64, Bench, pixel_numbers
-from evs.tools.characterise.expected import ramp_contrast
-from evs.tools.characterise.quantity import Quantity
+from evs_lab.characterise.bench import F64, Bench, pixel_numbers
+from evs_lab.characterise.expected import ramp_contrast
+from evs_lab.characterise.quantity import Quantity
 
 LOW_LUX, HIGH_LUX = 10.0, 1000.0
 """The ends of the ramp: those of Prophesee's triangle."""

@@ -16,11 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.sensor import SensorParameters
-from evs.tools.characterise.bench import F64, Bench, LightExposure, Mask, pixel_numbers
-from evs.tools.characterise.expected import hot_tail, leak_rate_hz
-from evs.tools.characterise.expected_noise import noise_rate_hz
-from evs.tools.characterise.fit import mean_and_error
-from evs.tools.characterise.quantity import Quantity
+from evs.emulator.sensor.noise_rate import hot_tail, leak_rate_hz, noise_rate_hz
+from evs_lab.characterise.bench import F64, Bench, LightExposure, Mask, pixel_numbers
+from evs_lab.characterise.fit import mean_and_error
+from evs_lab.characterise.quantity import Quantity
 
 LADDER_LUX = (0.1, 1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)
 

@@ -16,8 +16,8 @@ from evs.emulator.sensor import SensorParameters
 from evs.launch.main import main
 from evs.msgs import EvsError
 from evs.msgs.pictures import OFF_RGB, ON_RGB
-from evs.tools.characterise import STEPS, characterise
-from evs.tools.characterise.chart_page import CHART_PX, COLUMNS
+from evs_lab.characterise import STEPS, characterise
+from evs_lab.characterise.chart_page import CHART_PX, COLUMNS
 
 SENSOR = """\
 width = 40
@@ -105,16 +105,16 @@ def test_numbers_and_picture(
         assert np.count_nonzero(near) > 100
 
 
-def test_json_alone_is_on_stdout(sensor: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["characterise", str(sensor), "--pixels", "100", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["pixels"] <= 100
-
-
-def test_quiet(sensor: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["characterise", str(sensor), "--pixels", "100", "--quiet"]) == 0
-    said = capsys.readouterr()
-    assert (said.out, said.err) == ("", "")
+@pytest.mark.parametrize("option", ["--json", pytest.param("--quiet", marks=pytest.mark.slow)])
+def test_json_alone_is_on_stdout(
+    option: str, sensor: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["characterise", str(sensor), "--pixels", "100", option]) == 0
+    output = capsys.readouterr()
+    if option == "--json":
+        assert json.loads(output.out)["pixels"] <= 100
+    else:
+        assert (output.out, output.err) == ("", "")
 
 
 @pytest.mark.parametrize(
@@ -152,6 +152,7 @@ def test_bad_words_are_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_sensor_without_any_term(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["characterise", "ideal", "--pixels", "400"]) == 0
     out = capsys.readouterr().out

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.emulator.sensor import SensorParameters, make_readout
-from evs.tools.characterise import expected
-from evs.tools.characterise.bench import F64, Bench
-from evs.tools.characterise.quantity import Quantity
+from evs_lab.characterise import expected
+from evs_lab.characterise.bench import F64, Bench
+from evs_lab.characterise.quantity import Quantity
 
 LUX = 10_000.0
 SWING = 1.0

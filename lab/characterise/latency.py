@@ -12,10 +12,10 @@ import numpy.typing as npt
 from evs.emulator.sensor import SensorParameters, make_readout
 from evs.emulator.sensor.parameters import ReadoutParameters
 from evs.emulator.sensor.reference.photon_noise import Band
-from evs.tools.characterise.bench import Bench, LightExposure, pixel_numbers, share_of
-from evs.tools.characterise.expected import DOUBLED, HALF, half_power_hz, latency_s
-from evs.tools.characterise.quantity import Quantity
-from evs.tools.characterise.settle import growing_us, settle, window_us
+from evs_lab.characterise.bench import Bench, LightExposure, pixel_numbers, share_of
+from evs_lab.characterise.expected import DOUBLED, HALF, half_power_hz, latency_s
+from evs_lab.characterise.quantity import Quantity
+from evs_lab.characterise.settle import growing_us, settle, window_us
 
 LADDER_LUX = (1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)
 PIXELS = 40_000

@@ -1,4 +1,4 @@
-"""The rate of noise events that follows from the parameters of a sensor.
+"""The rates of noise and leak events that follow from the parameters of a sensor.
 
 Photon noise by the model of core/sensor/photon_noise.h: after an event the noise is known, and it
 returns to its mean while a hazard runs. Of a pixel in still light this is a chain of references
@@ -13,8 +13,8 @@ import numpy as np
 
 from evs.emulator.base.scene import F64
 from evs.emulator.sensor import SensorParameters
+from evs.emulator.sensor.parameters import MOST_HOT_LEAK_HZ
 from evs.emulator.sensor.reference.photon_noise import Band, passage_loss, passage_rate
-from evs.tools.characterise.expected import leak_rate_hz
 
 PHASES = 8
 """distances of the references from the light that count, in parts of a threshold: leak brings
@@ -34,6 +34,53 @@ LONGEST = 1e30
 """a wait without end"""
 
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
+
+
+def normal_cdf(z: float) -> float:
+    """Probability below z."""
+    return 0.5 * math.erfc(-z / math.sqrt(2.0))
+
+
+def leak_rate_hz(sensor: SensorParameters, lux: float, hot_hz: float = math.inf) -> float:
+    """Rate of the ON events of leak, mean over the pixels, without noise that restarts it.
+
+    Args:
+        sensor: the sensor.
+        lux: illuminance.
+        hot_hz: pixels whose part of the hot tail is over this are left out.
+    """
+    share = (lux + sensor.dark_current_lux) / sensor.bright_lux
+    usual = sensor.leak_rate_hz * sensor.thermal_factor + sensor.parasitic_leak_hz * share
+    over, _, below = hot_tail(sensor, hot_hz)
+    return usual + (below if over < 1.0 else 0.0)
+
+
+def hot_tail(sensor: SensorParameters, limit_hz: float) -> tuple[float, float, float]:
+    """(share of pixels whose tail of leak is over a limit, its mean over those, over the others).
+
+    The tail is log-normal and ends at MOST_HOT_LEAK_HZ. A mean of no pixels is 0.
+    """
+    if not sensor.has_hot_pixels:
+        return 0.0, 0.0, 0.0
+    median = sensor.hot_leak_median_hz * sensor.thermal_factor
+    sigma = sensor.hot_leak_cov_decades * math.log(10.0)
+    if sigma == 0.0:
+        rate = min(median, MOST_HOT_LEAK_HZ)
+        return (1.0, rate, 0.0) if rate > limit_hz else (0.0, 0.0, rate)
+
+    def below(hz: float) -> tuple[float, float]:
+        """Share of the pixels below a rate, and their sum of rates."""
+        z = (math.log(hz) - math.log(median)) / sigma if hz > 0.0 else -math.inf
+        mean = median * math.exp(0.5 * sigma**2)
+        return normal_cdf(z), mean * normal_cdf(z - sigma)
+
+    most_share, most_sum = below(MOST_HOT_LEAK_HZ)
+    total = most_sum + (1.0 - most_share) * MOST_HOT_LEAK_HZ
+    if limit_hz >= MOST_HOT_LEAK_HZ:
+        return 0.0, 0.0, total
+    share, lower = below(limit_hz)
+    above = 1.0 - share
+    return above, (total - lower) / above if above else 0.0, lower / share if share else 0.0
 
 
 def shot_rate_hz(sensor: SensorParameters, lux: float) -> float:

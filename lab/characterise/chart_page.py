@@ -8,11 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from evs.drivers.pictures.chart import RGB, Chart, Scale, Series, decades_around, draw_charts
+from evs.emulator.sensor.noise_rate import noise_rate_hz, normal_cdf
 from evs.msgs.pictures import OFF_RGB, ON_RGB, PAPER, U8
-from evs.tools.characterise import Characterisation, Quantity, SCurve, expected
-from evs.tools.characterise.background import usual_leak_hz
-from evs.tools.characterise.expected_noise import noise_rate_hz
-from evs.tools.characterise.fit import normal_cdf
+from evs_lab.characterise import Characterisation, Quantity, SCurve, expected
+from evs_lab.characterise.background import usual_leak_hz
 
 CHART_PX = (520, 400)
 COLUMNS = 3

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.emulator.sensor import SensorParameters
-from evs.tools.characterise.bench import F64, Bench, Mask
-from evs.tools.characterise.fit import Normal, fit_normal
-from evs.tools.characterise.quantity import Quantity
-from evs.tools.characterise.settle import Settled, least_contrast, settle
+from evs_lab.characterise.bench import F64, Bench, Mask
+from evs_lab.characterise.fit import Normal, fit_normal
+from evs_lab.characterise.quantity import Quantity
+from evs_lab.characterise.settle import Settled, least_contrast, settle
 
 DAYLIGHT_LUX = 10_000.0
 """the pixel is fast there, and dark current negligible"""

@@ -57,9 +57,9 @@ def run(args: argparse.Namespace) -> int:
     from evs.drivers.run.report import check_targets, write_whole
     from evs.emulator.sensor import resolve_sensor
     from evs.launch.support import terminal
-    from evs.tools import characterise as bench
-    from evs.tools.characterise.chart_page import characterisation_page
-    from evs.tools.characterise.quantity import HEADINGS, table_rows
+    from evs_lab import characterise as bench
+    from evs_lab.characterise.chart_page import characterisation_page
+    from evs_lab.characterise.quantity import HEADINGS, table_rows
 
     picture = None if args.picture is None else Path(args.picture)
     check_chart_file(picture)

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.emulator.sensor import SensorParameters
-from evs.tools.characterise.bench import F64, Bench, share_of
-from evs.tools.characterise.expected import CONTRAST, lowest_lux
-from evs.tools.characterise.quantity import Quantity
-from evs.tools.characterise.settle import settle
+from evs_lab.characterise.bench import F64, Bench, share_of
+from evs_lab.characterise.expected import CONTRAST, lowest_lux
+from evs_lab.characterise.quantity import Quantity
+from evs_lab.characterise.settle import settle
 
 DARKEST_LUX, BRIGHTEST_LUX = 1e-3, 1e5
 """range of the lamp; full sun is 100 klux"""
