@@ -1,6 +1,7 @@
 """evs-lab: what measures the event camera evs and trains its network.
 
 evs_lab.characterise    a sensor as manufacturers measure it, against its parameters
+evs_lab.fit             a sensor file from recordings of a camera
 evs_lab.metrics         two event streams: matched and false events, stamps, counts, distance
 evs_lab.evaluation      event models on noisy light against those of converged light
 evs_lab.sweep           speed against error around the presets

@@ -48,9 +48,6 @@ GROUPS = {
         ),
         "play": "publish a recording on the bus, as the camera did",
     },
-    "Measure and choose": {
-        "fit": "fit a sensor file to recordings of your own camera",
-    },
     "Data and training": {
         "dataset": (
             "a data set of scenes: events, RGB, depth, flow, segmentation, IMU, poses, causes"
@@ -74,7 +71,7 @@ launch/support."""
 
 COMMANDS = {name: what for group in GROUPS.values() for name, what in group.items()}
 
-LAB = ("characterise", "evaluate", "sweep", "train", "tune")
+LAB = ("characterise", "evaluate", "fit", "sweep", "train", "tune")
 """Commands of evs-lab, a distribution of its own."""
 
 ABOUT = """evs: an event camera for MuJoCo scenes.

@@ -6,6 +6,7 @@ GROUPS = {
             "measure a virtual sensor: thresholds, latency, bandwidth, noise, range, peak rate"
         ),
         "evaluate": "measure event models (error, recall, timing, cost) against converged light",
+        "fit": "fit a sensor file to recordings of your own camera",
         "sweep": "measure speed against error, around each preset, beside frame-based ways",
         "tune": (
             "find the pipeline for a scene that reaches a speed, or keeps an error, and write it"

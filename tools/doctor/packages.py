@@ -50,7 +50,7 @@ USES = {
     "view": "Rerun's viewer and .rrd files",
     "web": "the page of evs emulate --view and evs view --web",
     "foxglove": "Foxglove's server and MCAP files",
-    "plot": "charts of evs fit and evs loop goalie",
+    "plot": "charts of evs loop goalie",
     "formats": ".h5 recordings",
     "ros2": ".mcap and .bag recordings, ROS 2",
     "cluster": "jobs on a Ray cluster",

@@ -10,7 +10,7 @@ import pytest
 import evs
 from evs.emulator.base.scene import F32
 from evs.msgs import make_events
-from evs.tools.fit import FittedCamera, Light, Observed, fit_camera
+from evs_lab.fit import FittedCamera, Light, Observed, fit_camera
 from speed.elsewhere import AbsentError
 from speed.v2e import v2e_events
 

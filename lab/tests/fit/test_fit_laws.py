@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import evs
-from evs.tools.fit import Light, Observed, fit_camera, sensor_toml
+from evs_lab.fit import Light, Observed, fit_camera, sensor_toml
 from reference import lamps
 
 KEYS = {

@@ -10,7 +10,7 @@ import numpy as np
 
 import evs
 from evs.msgs import make_events
-from evs.tools.fit import Observed
+from evs_lab.fit import Observed
 
 WIDTH, HEIGHT = 64, 48
 WARM_S = 10.0

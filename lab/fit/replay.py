@@ -12,9 +12,9 @@ from evs.emulator.base.scene import F32
 from evs.emulator.config import SensorConfig
 from evs.emulator.simulation.pixels import Pixels
 from evs.msgs import EvsError
-from evs.tools.fit.camera import Light
-from evs.tools.fit.frames import FEWEST_PIXELS, WHITE, frame_light, standing
-from evs.tools.fit.observed import Observed
+from evs_lab.fit.camera import Light
+from evs_lab.fit.frames import FEWEST_PIXELS, WHITE, frame_light, standing
+from evs_lab.fit.observed import Observed
 
 STEPS = 16
 """frames of a rise, or of a fall; between them log light is straight"""

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from evs.msgs import EvsError
-from evs.tools.fit.observed import F64, I64, Observed
+from evs_lab.fit.observed import F64, I64, Observed
 
 BIN_US = 500
 MAX_BINS = 1 << 25

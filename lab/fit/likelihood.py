@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evs.tools.fit.observed import F64, I64
+from evs_lab.fit.observed import F64, I64
 
 EXACT = 40
 """counts up to this have bins of their own and exact probabilities"""

@@ -10,7 +10,7 @@ import pytest
 
 import evs
 from evs.emulator.sensor import SensorParameters
-from evs.tools.fit import FittedCamera, Light, fit_camera
+from evs_lab.fit import FittedCamera, Light, fit_camera
 from reference import lamps
 
 SENSORS = 20

@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from evs.tools.fit.estimate import Estimate, cannot
-from evs.tools.fit.observed import Observed
+from evs_lab.fit.estimate import Estimate, cannot
+from evs_lab.fit.observed import Observed
 
 KEY = "refractory_period_s"
 

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.emulator.base.scene import F32
-from evs.tools.fit.estimate import Estimate, cannot
-from evs.tools.fit.observed import F64, I64, Mask, Observed
-from evs.tools.fit.ramp import KEYS
+from evs_lab.fit.estimate import Estimate, cannot
+from evs_lab.fit.observed import F64, I64, Mask, Observed
+from evs_lab.fit.ramp import KEYS
 
 LEAK = "leak_rate_hz"
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import evs
-from evs.tools.fit import Observed
+from evs_lab.fit import Observed
 
 WIDTH, HEIGHT = 64, 48
 LAWS = {"dim_lux": 1.0, "dark_lux": 0.01, "log": "ln", "shot_noise_bright": 0.3}

@@ -13,10 +13,10 @@ import math
 import numpy as np
 
 from evs.emulator.sensor import SensorParameters
-from evs.tools.fit.estimate import Estimate, cannot
-from evs.tools.fit.lamp import MOST_BLIND, blind_share
-from evs.tools.fit.observed import F64, I64, Observed
-from evs.tools.fit.period import flanks_us
+from evs_lab.fit.estimate import Estimate, cannot
+from evs_lab.fit.lamp import MOST_BLIND, blind_share
+from evs_lab.fit.observed import F64, I64, Observed
+from evs_lab.fit.period import flanks_us
 
 KEYS = ("cutoff_hz", "latency_us", "latency_sigma_us")
 

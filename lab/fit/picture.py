@@ -6,8 +6,8 @@ import numpy as np
 
 from evs.drivers.pictures.chart import RGB, Chart, Scale, Series, draw_charts
 from evs.msgs.pictures import OFF_RGB, ON_RGB, PAPER, U8
-from evs.tools.fit.camera import Light
-from evs.tools.fit.observed import F64, Observed
+from evs_lab.fit.camera import Light
+from evs_lab.fit.observed import F64, Observed
 
 CHART_PX = (500, 380)
 PALE = 0.5

@@ -12,7 +12,7 @@ from evs.msgs import EvsError
 
 if TYPE_CHECKING:
     from evs.drivers.files.formats import ReadOptions
-    from evs.tools.fit import FittedCamera, Light, Observed
+    from evs_lab.fit import FittedCamera, Light, Observed
 
 BASE = "davis346"
 
@@ -28,7 +28,7 @@ examples:
   evs fit pan.aedat4                                        what any recording tells
 
 A key that the recordings do not tell is listed with the reason, and keeps the value of --base.
-All recordings are of one camera with one setting. docs/howto/fit.md says how to make them."""
+All recordings are of one camera with one setting. lab/docs/fit.md says how to make them."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -81,8 +81,8 @@ def run(args: argparse.Namespace) -> int:
     from evs.emulator.config import SensorConfig
     from evs.emulator.sensor import resolve_sensor
     from evs.launch.support import terminal
-    from evs.tools.fit import CANNOT, fit_camera, sensor_toml
-    from evs.tools.fit.picture import fit_page
+    from evs_lab.fit import CANNOT, fit_camera, sensor_toml
+    from evs_lab.fit.picture import fit_page
 
     output = _ending(args.output, "-o", ".toml")
     picture = None if args.picture is None else Path(args.picture)
@@ -126,7 +126,7 @@ def _ending(name: str | None, option: str, suffix: str) -> Path | None:
 
 def _lights(args: argparse.Namespace) -> list[Light]:
     """The recordings, read."""
-    from evs.tools.fit import Light
+    from evs_lab.fit import Light
 
     if (args.still is None) != (args.still_lux is None):
         raise EvsError("--still and --still-lux belong together: give both, or neither")
@@ -152,13 +152,13 @@ def _lights(args: argparse.Namespace) -> list[Light]:
 
 def _read(name: str, reading: ReadOptions) -> Observed:
     from evs.drivers.files import read
-    from evs.tools.fit import Observed
+    from evs_lab.fit import Observed
 
     return Observed.of(read(name, **reading), Path(name).name)
 
 
 def _rows(fitted: FittedCamera) -> list[tuple[str, ...]]:
-    from evs.tools.fit import rounded
+    from evs_lab.fit import rounded
 
     rows: list[tuple[str, ...]] = []
     for one in fitted.told.values():
@@ -174,7 +174,7 @@ def _replays(fitted: FittedCamera, toml: str) -> list[tuple[Light, Observed | No
     """The recordings, each with the events of the file's sensor in the same light."""
     import tempfile
 
-    from evs.tools.fit import cut_to_frames, replayed
+    from evs_lab.fit import cut_to_frames, replayed
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "fitted.toml"

@@ -16,14 +16,14 @@ import numpy as np
 
 from evs.emulator.sensor.parameters import MOST_HOT_LEAK_HZ
 from evs.msgs import EvsError
-from evs.tools.fit.estimate import Estimate, cannot
-from evs.tools.fit.likelihood import (
+from evs_lab.fit.estimate import Estimate, cannot
+from evs_lab.fit.likelihood import (
     bin_edges,
     fit_bins,
     mixed_probabilities,
     stages_covariance,
 )
-from evs.tools.fit.observed import F64, I64, Mask, Observed
+from evs_lab.fit.observed import F64, I64, Mask, Observed
 
 DECADE = math.log(10.0)
 

@@ -8,8 +8,8 @@ from typing import Any
 
 from evs.emulator.config import SensorConfig
 from evs.emulator.sensor.presets import DEFAULT, describe_sensor, flat, resolve_sensor
-from evs.tools.fit.camera import FittedCamera
-from evs.tools.fit.estimate import Estimate
+from evs_lab.fit.camera import FittedCamera
+from evs_lab.fit.estimate import Estimate
 
 WHOLE = ("readout.scan_us", "readout.scan_column_ns")
 TABLES = ("readout", "aps", "imu")

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from evs.tools.fit.estimate import Estimate, cannot
-from evs.tools.fit.observed import F64, I64, Observed
+from evs_lab.fit.estimate import Estimate, cannot
+from evs_lab.fit.observed import F64, I64, Observed
 
 KEYS = ("readout.order", "readout.scan_us", "readout.scan_column_ns", "readout.bandwidth_mevs")
 

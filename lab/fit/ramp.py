@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.msgs import EvsError
-from evs.tools.fit.estimate import Estimate, cannot
-from evs.tools.fit.observed import F64, Mask, Observed, medians
+from evs_lab.fit.estimate import Estimate, cannot
+from evs_lab.fit.observed import F64, Mask, Observed, medians
 
 KEYS = ("pos_thres", "neg_thres", "sigma_thres", "dead_pixel_fraction")
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from evs.emulator.sensor import SensorParameters
 from evs.emulator.sensor.noise_rate import photon_rate_hz
-from evs.tools.fit.estimate import Estimate, cannot
-from evs.tools.fit.still import Background
+from evs_lab.fit.estimate import Estimate, cannot
+from evs_lab.fit.still import Background
 
 KEY = "photocurrent_pa"
 THRESHOLDS = ("pos_thres", "neg_thres", "sigma_thres")

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evs.tools.fit.estimate import Estimate, cannot
-from evs.tools.fit.observed import F64, I64, Observed
-from evs.tools.fit.period import flanks_us
-from evs.tools.fit.ramp import KEYS, check_light
+from evs_lab.fit.estimate import Estimate, cannot
+from evs_lab.fit.observed import F64, I64, Observed
+from evs_lab.fit.period import flanks_us
+from evs_lab.fit.ramp import KEYS, check_light
 
 FEWEST_CYCLES = 4
 BEFORE, AFTER = 0.02, 0.3

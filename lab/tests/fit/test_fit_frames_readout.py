@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import evs
-from evs.tools.fit import (
+from evs_lab.fit import (
     FittedCamera,
     Light,
     Observed,

@@ -7,8 +7,8 @@ import pytest
 
 import evs
 from evs.msgs import EvsError, make_events
-from evs.tools.fit import Light, Observed, combined, fit_camera, fit_still, sensor_toml
-from evs.tools.fit.estimate import Estimate, cannot
+from evs_lab.fit import Light, Observed, combined, fit_camera, fit_still, sensor_toml
+from evs_lab.fit.estimate import Estimate, cannot
 from reference import lamps
 
 PIXELS = lamps.WIDTH * lamps.HEIGHT

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from evs.emulator.sensor import SensorParameters
-from evs.tools.fit.estimate import Estimate, cannot
-from evs.tools.fit.photocurrent import photocurrent
-from evs.tools.fit.still import Background
+from evs_lab.fit.estimate import Estimate, cannot
+from evs_lab.fit.photocurrent import photocurrent
+from evs_lab.fit.still import Background
 
 DARK_LUX = 0.0
 

@@ -34,6 +34,7 @@ def folder(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("recordings")
     write(path / "cap.npz", lamps.dark(10.0, 1, **KEYS))
     write(path / "ramp.npz", lamps.ramp(1, periods=4, **KEYS))
+    (path / "far.csv").write_text("t,x,y,p\n1,0,0,1\n2,16000,16000,0\n")
     return path
 
 
@@ -73,6 +74,7 @@ def test_a_sensor_file_of_two_recordings(folder: Path, capsys) -> None:
         (["--ramp", "{}/ramp.npz", "--contrast", "0.5"], "--contrast is 0.5"),
         (["--still", "{}/cap.npz"], "--still-lux"),
         (["{}/none.npz"], "none.npz"),
+        (["{}/far.csv"], "16001 x 16001 px, more than any"),
         (["{}/cap.npz", "-o", "mine.txt"], "end it in .toml"),
         (["{}/cap.npz", "--base", "davis364"], "davis346"),
     ],

@@ -9,17 +9,17 @@ import numpy as np
 
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
-from evs.tools.fit.bandwidth import fit_bandwidth
-from evs.tools.fit.estimate import Estimate, cannot, combined
-from evs.tools.fit.frames import LEAK, fit_frames
-from evs.tools.fit.lamp import fit_lamp
-from evs.tools.fit.laws import law_estimates
-from evs.tools.fit.observed import Mask, Observed
-from evs.tools.fit.period import find_period_s
-from evs.tools.fit.ramp import PixelLeaks, check_light, fit_ramp
-from evs.tools.fit.readout import fit_readout
-from evs.tools.fit.refractory import fit_refractory
-from evs.tools.fit.still import DECADE, Background, fit_still
+from evs_lab.fit.bandwidth import fit_bandwidth
+from evs_lab.fit.estimate import Estimate, cannot, combined
+from evs_lab.fit.frames import LEAK, fit_frames
+from evs_lab.fit.lamp import fit_lamp
+from evs_lab.fit.laws import law_estimates
+from evs_lab.fit.observed import Mask, Observed
+from evs_lab.fit.period import find_period_s
+from evs_lab.fit.ramp import PixelLeaks, check_light, fit_ramp
+from evs_lab.fit.readout import fit_readout
+from evs_lab.fit.refractory import fit_refractory
+from evs_lab.fit.still import DECADE, Background, fit_still
 
 UNMEASURED = 0.15
 """mismatch over threshold that pixels may have"""
