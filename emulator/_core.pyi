@@ -80,18 +80,16 @@ class CameraBatch:
             arrays: Where each array of their state lies, by name.
         """
 
-    def lay_out(self, which: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], tick_us: int, *, first: int, tick: int, luminance: int, crossings: int, crossing_room: int, candidates: int, candidate_room: int, counts: int, staged: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')], frames: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')], pixels: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')]) -> None:
+    def lay_out(self, which: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], poses: tuple[Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], Annotated[NDArray[numpy.float64], dict(shape=(None, None, 9), order='C', device='cpu', writable=False)], Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)]], tick_us: int, *, first: int, tick: int, luminance: int, room: tuple[int, int, int, int, int], staged: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')], frames: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')], pixels: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')]) -> None:
         """
         Write what a device needs for a tick of some cameras.
 
         Args:
-            which, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat, tick_us:
-                See `step`.
+            which, poses, tick_us: See `step`.
             first: How many cameras of this tick were laid out before.
             tick: Where `staged` will lie on the device.
             luminance: Where the light of all cameras, (n, h, w) float32, will.
-            crossings, crossing_room, candidates, candidate_room, counts: See
-                DevicePixels.copy_arguments, camera after camera of the tick.
+            room: See DevicePixels.copy_arguments, camera after camera of the tick.
             staged: (k, tick_bytes of the largest) uint8, the output: what the tick changes.
             frames: (k, argument_bytes + 8) uint8, the output: a frame, and where its light goes.
             pixels: (k, argument_bytes) uint8, the output: arguments of the pixels.
@@ -114,15 +112,15 @@ class CameraBatch:
         Return clock_us, tick_us and ticks of a camera, and the pixels clamped since `put`.
         """
 
-    def step(self, which: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], t_begin_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], tick_us: int) -> None:
+    def step(self, which: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], poses: tuple[Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], Annotated[NDArray[numpy.float64], dict(shape=(None, None, 9), order='C', device='cpu', writable=False)], Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], Annotated[NDArray[numpy.float64], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)], Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)]], t_begin_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], tick_us: int) -> None:
         """
         Render a tick of some cameras and step their pixels.
 
         Args:
             which: (k,) int32, the numbers of the cameras, in order.
-            geom_pos, geom_mat: (worlds, ng, 3) and (worlds, ng, 9) float64, world frame.
-            light_pos, light_dir: (worlds, nl, 3) float64, world frame.
-            camera_pos, camera_mat: (cameras, 3) and (cameras, 9) float64, world frame.
+            poses: geom_pos and geom_mat, (worlds, ng, 3) and (worlds, ng, 9); light_pos and
+                light_dir, (worlds, nl, 3); camera_pos and camera_mat, (cameras, 3) and
+                (cameras, 9); float64, world frame.
             t_begin_us: (worlds,) int64, the time of each world at the start of the tick.
             tick_us: The length of the tick.
         """
@@ -636,7 +634,7 @@ class DevicePixels:
             out: (constant_bytes,) uint8, the output.
         """
 
-    def copy_arguments(self, *, constant: int, arrays: dict, luminance: int, clock_us: int, tick_us: int, ticks: int, all_due: bool, row_reads: int, row_read_count: int, crossings: int, crossing_room: int, candidates: int, candidate_room: int, counts: int, out: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')]) -> None:
+    def copy_arguments(self, *, constant: int, arrays: dict, luminance: int, clock_us: int, tick_us: int, ticks: int, all_due: bool, row_reads: int, row_read_count: int, room: tuple[int, int, int, int, int], out: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')]) -> None:
         """
         Write the argument of the kernels for a tick.
 
@@ -646,10 +644,9 @@ class DevicePixels:
             luminance: Where the (h, w) float32 light lies.
             clock_us, tick_us, ticks, all_due: See `PixelArray.step`.
             row_reads, row_read_count: Where (n, 2) int32 row reads lie, and n.
-            crossings, candidates, counts: Where there is room for (blocks, crossing_room)
-                crossings of 8 bytes, (blocks, candidate_room) candidates of 16 and (blocks,)
-                counts of 12.
-            crossing_room, candidate_room: How much of it a block has.
+            room: crossings, crossing_room, candidates, candidate_room, counts: where there is
+                room for (blocks, crossing_room) crossings of 8 bytes, (blocks, candidate_room)
+                candidates of 16 and (blocks,) counts of 12.
             out: (argument_bytes,) uint8, the output.
         """
 
@@ -740,9 +737,10 @@ def events_fit(raw: bytes | memoryview, base_us: int, end_us: int, width: int, h
 class NetworkArray:
     """EvSNet on an array of pixels. The caller owns the state."""
 
-    def __init__(self, width: int, height: int, *, weights: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], biases: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], delays: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], last: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], last_bias: float, v_on: float, v_off: float, most: int, decay_low: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], decay_high: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], exposure_dn: float, dark_dn: float, linlog_dn: float, tick_us: int, dense: bool = False, threads: int = 0, isa: str = 'auto') -> None:
+    def __init__(self, width: int, height: int, parameters: object, *, tick_us: int, dense: bool = False, threads: int = 0, isa: str = 'auto') -> None:
         """
         Args:
+            parameters: An object with the attributes weights ... linlog_dn.
             weights: The weights of all convolutions, one after another, each (out, in,
                 7).
             biases: (convolutions, channels).
@@ -880,25 +878,12 @@ def probe_light_pdf(caster: Caster, geom_pos: Annotated[NDArray[numpy.float64], 
 class Readout:
     """The readout, from pixel to packet (evs.emulator.sensor.readout)."""
 
-    def __init__(self, *, width: int, height: int, latency_us: float, latency_sigma_us: float, order: str, row_ns: int, column_ns: int, jitter_ns: float, phase_ns: int, scan_us: int, scan_column_ns: int, scan_from: str, scan_every: int, scan_events: int, erc_target: int, erc_period_us: int, erc_drop: str, link_rate: int, fifo: int, stamp_sent: bool, fates: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None) -> None:
+    def __init__(self, width: int, height: int, latency_us: float, latency_sigma_us: float, parameters: object, fates: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None) -> None:
         """
         Args:
             width, height: The size of the sensor, px.
             latency_us, latency_sigma_us: The mean latency of a pixel and its jitter.
-            order: ideal, arbiter or scan.
-            row_ns, column_ns, jitter_ns, phase_ns: The times of the arbiter.
-            scan_us, scan_column_ns: The period of the scan; the time of a column, 0 for the
-                whole array at once.
-            scan_from: The side at which a scan begins: left or right.
-            scan_every: Which scans are read: those with a multiple of this as number.
-            scan_events: The events that a scan can read in its period; 0 for any number.
-            erc_target: The event rate control's limit, events per period; 0 for none.
-            erc_period_us: The period of the rate control.
-            erc_drop: What the rate control thins: time, row or column.
-            link_rate: The bandwidth of the link, events per second; 0 for unlimited.
-            fifo: The events that the FIFO of the link holds.
-            stamp_sent: Whether an event is stamped when it is sent, not when it is
-                read.
+            parameters: ReadoutParameters of emulator/sensor/parameters.py.
             fates: (height, width) uint8: 0 outside the ROI, 1 masked, 255 read out;
                 None reads out every pixel.
         """
@@ -919,52 +904,25 @@ class Readout:
             those that wait, (16 m,) uint8; and the times of these, (m,) int64, ns.
         """
 
-class PixelSettings:
-    """The settings that all pixels share."""
-
-    def __init__(self, *, log: str, exposure_dn: float, dark_dn: float, linlog_dn: float, log_eps: float, euler: bool = False, large_signal: bool = False, lowpass_low: float = 0.0, lowpass_slope: float = 0.0, follower: float = 0.0, highpass: float = 0.0, parasitic_slope: float = 0.0, refractory_us: int = 0, causes: bool = False, noise_gain: float = 0.0, drift_gain: float = 0.0, least_gain: float = 0.0, noise_weight: float = 0.0, shot_bright: float = 1.0, shot_inverse: bool = False, shot_slope: float = 0.0, shot_offset: float = 0.0, shot_dim_dn: float = 0.0, aps_crosstalk: float = 0.0, photon_scale: float = 0.0, seed: int = 0) -> None:
-        """
-        Terms at zero are off.
-
-        Args:
-            log: linlog, log_eps or ln.
-            exposure_dn, dark_dn, linlog_dn, log_eps: The map from luminance to log
-                intensity.
-            euler: Whether filters step as in v2e.
-            large_signal: Whether the photoreceptor is the large-signal one.
-            lowpass_low, lowpass_slope: The photoreceptor's 2 pi f at DN 0, 1 / us, and
-                its slope per DN.
-            follower, highpass: 2 pi f, 1 / us.
-            causes: Whether events hold their cause.
-            aps_crosstalk: By how much the read of a row lifts the signal, log units.
-            photon_scale: Of photon noise, variance times DN over bandwidth, us.
-        """
-
 class PixelArray:
     """
     Event pixels with a fixed pattern (emulator/sensor/pixel.py). The caller
     owns the state.
     """
 
-    def __init__(self, settings: PixelSettings, width: int, height: int, *, theta_on: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], theta_off: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], leak: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, parasitic: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, phase: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, hot: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, shot_on: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, shot_off: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, refractory_us: Annotated[NDArray[numpy.uint32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, threads: int = 0, isa: str = 'auto') -> None:
+    def __init__(self, settings: object, pattern: object, width: int, height: int, threads: int = 0, isa: str = 'auto') -> None:
         """
         Args:
-            theta_on, theta_off: (h, w) float32, the thresholds, at least 2^-20.
-            leak, parasitic: (h, w) float32, log units per us; None for none.
-            phase: (h, w) float32, from the first reference up to the first light, log units.
-            hot: (h, w) uint8, 1 for a hot pixel.
-            shot_on, shot_off: (h, w) float32, the rates of shot noise in the dark, Hz.
-            refractory_us: (h, w) uint32, the refractory period of each pixel, 1 ... 2^30;
-                None for that of the settings.
+            settings: What all pixels share; its attributes are those that settings_from of
+                core/bindings/sensor.cpp reads. Terms at zero are off.
+            pattern: FixedPattern of emulator/sensor/fixed_pattern.py.
             threads: The number of threads; 0 for one per core.
             isa: An instruction set of isa_available(), or auto.
         """
 
-    def step(self, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], t_begin_us: int, clock_us: int, tick_us: int, ticks: int, *, reference: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu')], last_log: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], last_luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], filtered: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, followed: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, blind_until: Annotated[NDArray[numpy.int64], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise_budget: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise_mean: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise_memory: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, mean: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, drift: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, due_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, since_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, shot_next: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, shot_count: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, row_reads: Annotated[NDArray[numpy.int32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, all_due: bool = False) -> tuple:
+    def step(self, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], t_begin_us: int, clock_us: int, tick_us: int, ticks: int, state: dict, row_reads: Annotated[NDArray[numpy.int32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, all_due: bool = False) -> tuple:
         """
         Step all pixels by one tick.
-
-        The keyword arguments but the last two are the state and are modified in place.
 
         Args:
             luminance: (h, w) float32.
@@ -972,6 +930,7 @@ class PixelArray:
             clock_us: The sensor's clock at the start: the sum of all ticks so far.
             tick_us: The length of the tick.
             ticks: The number of ticks so far.
+            state: The arrays of pixel_state() by name, modified in place.
             row_reads: (n, 2) int32, rows of a frame that are read and when, us after the
                 start of the tick, by time; None for none.
             all_due: Whether to skip no block, as after a change of the settings.
@@ -981,16 +940,21 @@ class PixelArray:
             luminance.
         """
 
-    def settle(self, clock_us: int, *, reference: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu')], last_luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], due_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, since_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, filtered: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, followed: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise_budget: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu')] | None = None, mean: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None) -> None:
+    def settle(self, clock_us: int, state: dict) -> None:
         """
         Account for the leak and the noise of the ticks in which blocks were skipped, so
         that other settings may take the state over.
 
         Args:
             clock_us: The sensor's clock.
-            reference, last_luminance, due_us, since_us, filtered, followed,
-                noise_budget, mean: The state, modified in place.
+            state: As in `step`.
         """
+
+def pixel_state() -> list[tuple[str, str, int, float, str]]:
+    """
+    Return the table of the state: for each array its name, its dtype, the pixels that a
+    number is of, its first value and its property of SensorTerms ("": always there).
+    """
 
 def natural_log(values: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
     """Return ln of normal positive float32 (n,), as the pixel computes it."""

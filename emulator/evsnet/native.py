@@ -8,6 +8,7 @@ computed in every tick. Either way the events and membranes are the same bytes.
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -74,9 +75,7 @@ class NativeRuntime:
         decay = decay_tables(weights.tau_s, weights.tick_us)
         zeros = np.zeros(weights.channels, np.float32)
         biases = [zeros if c.bias is None else c.bias for c in weights.convolutions]
-        self.array = _core.NetworkArray(
-            sensor.width,
-            sensor.height,
+        parameters = SimpleNamespace(
             weights=np.concatenate([c.weight.ravel() for c in weights.convolutions]),
             biases=np.stack(biases),
             delays=np.array([block.look_ahead for block in weights.blocks], np.int32),
@@ -90,6 +89,11 @@ class NativeRuntime:
             exposure_dn=sensor.exposure_dn,
             dark_dn=sensor.dark_dn,
             linlog_dn=weights.linlog_dn,
+        )
+        self.array = _core.NetworkArray(
+            sensor.width,
+            sensor.height,
+            parameters,
             tick_us=weights.tick_us,
             dense=self.dense,
             threads=threads,

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import InitVar, dataclass
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -103,8 +104,7 @@ class PlainModel:
         check_take_over(self, before)
         # made now: the next tick may have a clock to keep
         self.array(state.seed)
-        arrays = {name: array for name, array in state.arrays().items() if name in _SETTLED}
-        before.array(state.seed).settle(state.clock_us, **arrays)
+        before.array(state.seed).settle(state.clock_us, state.arrays())
         if state.shot_next is not None and state.ticks:
             gaps = rescaled_gaps(
                 state.shot_next - state.clock_us * SHOT_UNITS,
@@ -174,7 +174,7 @@ class PlainModel:
                 state.clock_us,
                 tick_us,
                 state.ticks,
-                **state.arrays(),
+                state.arrays(),
                 row_reads=reads,
                 all_due=bool(state.all_due),
             )
@@ -206,12 +206,11 @@ class PlainModel:
         return self._built[1]
 
     def _build(self, seed: int) -> _core.PixelArray:
-        sensor, pattern = self.sensor, self.pattern(seed)
-        average = self._average
+        sensor, average = self.sensor, self._average
         # of 1 / us, for z = 2 pi f dt
         turn = 2.0 * math.pi * 1e-6
         span_lux = sensor.bright_lux + sensor.dim_lux
-        settings = _core.PixelSettings(
+        settings = SimpleNamespace(
             log=sensor.log,
             exposure_dn=sensor.exposure_dn,
             dark_dn=sensor.dark_dn,
@@ -241,20 +240,7 @@ class PlainModel:
             seed=seed,
         )
         return _core.PixelArray(
-            settings,
-            sensor.width,
-            sensor.height,
-            theta_on=pattern.on,
-            theta_off=pattern.off,
-            leak=pattern.leak,
-            parasitic=pattern.parasitic,
-            phase=pattern.phase,
-            hot=pattern.hot,
-            shot_on=pattern.shot_on,
-            shot_off=pattern.shot_off,
-            refractory_us=pattern.refractory_us,
-            threads=self._threads,
-            isa=self._isa,
+            settings, self.pattern(seed), sensor.width, sensor.height, self._threads, self._isa
         )
 
 
@@ -306,35 +292,46 @@ _LOGS = ("reference", "last_log", "filtered", "followed")
 
 I64 = np.ndarray[Any, np.dtype[np.int64]]
 
-FRAMES = {
-    "reference": np.float64,
-    "last_log": np.float32,
-    "last_luminance": np.float32,
-    "filtered": np.float32,
-    "followed": np.float32,
-    "blind_until": np.int64,
-    "noise_budget": np.float64,
-    "noise_mean": np.float32,
-    "noise_memory": np.float32,
-    "mean": np.float32,
-    "noise": np.float32,
-    "drift": np.float32,
-}
-"""arrays of a state with a number for each pixel, and what it is"""
-BLOCKS = ("due_us", "since_us", "shot_next", "shot_count")
-"""those with an int64 for each block"""
-_ARRAYS = (*FRAMES, *BLOCKS)
+
+class StateArray(NamedTuple):
+    """An array of the state of pixels."""
+
+    name: str
+    dtype: str
+    pixels: int
+    """that each of its numbers is of: 1, or BLOCK"""
+    first: float
+    """its value before the first light"""
+    term: str
+    """the property of SensorTerms without which it is not there; "": it always is"""
+
+    def shape(self, shape: tuple[int, ...]) -> tuple[int, ...]:
+        """Its shape where the sensor has this one."""
+        return shape if self.pixels == 1 else (-(-math.prod(shape) // self.pixels),)
+
+
+STATE = tuple(StateArray(*row) for row in _core.pixel_state())
+"""The table of core/sensor/pixel.h, which explains each array."""
+
 _NUMBERS = ("clamped", "clock_us", "tick_us", "ticks", "all_due")
-_SETTLED = (
-    *("reference", "last_luminance", "due_us", "since_us", "filtered", "followed"),
-    *("noise_budget", "mean"),
-)
-_ALWAYS = ("reference", "last_log", "last_luminance")
+
+
+class _Arrays:
+    """What type checkers know of the arrays of STATE."""
+
+    reference: F64
+    last_log: F32
+    last_luminance: F32
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> np.ndarray[Any, Any] | None: ...
+        def __setattr__(self, name: str, value: Any) -> None: ...
 
 
 @dataclass(eq=False)
-class PlainState:
-    """State of (h, w) pixels; an array is None where its term is off.
+class PlainState(_Arrays):
+    """State of (h, w) pixels: the arrays of STATE are attributes, None where their term is off.
 
     The fixed pattern follows from the seed and is not in it. The sensor's clock is the sum of the
     ticks so far.
@@ -342,13 +339,8 @@ class PlainState:
 
     seed: int
     """the fixed pattern and all noise follow from it"""
-    reference: F64
-    """(h, w) log light at the last event, a multiple of 2^-43; NaN before a pixel's first light
-    and while it is blind"""
-    last_log: F32
-    """(h, w) log light at the end of the last tick; NaN before a pixel's first light"""
-    last_luminance: F32
-    """(h, w) the last luminance that was one; -1 before a pixel's first light"""
+    values: InitVar[Mapping[str, Any]]
+    """its arrays by name"""
     clamped: int = 0
     """pixels times ticks whose light was negative, NaN or Inf and was replaced by the last one"""
     clock_us: int = 0
@@ -359,32 +351,10 @@ class PlainState:
     """how many there were"""
     all_due: int = 0
     """1: parameters have changed since, so no block is left out in the next one"""
-    filtered: F32 | None = None
-    """(h, w) log light after the photoreceptor's low pass"""
-    followed: F32 | None = None
-    """(h, w) after the source follower's"""
-    blind_until: I64 | None = None
-    """(h, w) by the sensor's clock, us, of pixels that are or were blind"""
-    noise_budget: F64 | None = None
-    """(h, w) hazard of the photon noise that is left up to the next event, a multiple of 2^-46"""
-    noise_mean: F32 | None = None
-    """(h, w) what the last event tells of the photon noise: its mean now, log units"""
-    noise_memory: F32 | None = None
-    """(h, w) correlation of the photon noise now with that at the last event, 0 ... 1"""
-    mean: F32 | None = None
-    """(h, w) running mean of the luminance (model adaptive); NaN before a pixel's first light"""
-    noise: F32 | None = None
-    """(h, w) mean square from tick to tick"""
-    drift: F32 | None = None
-    """(h, w) mean of luminance less its running mean"""
-    due_us: I64 | None = None
-    """(blocks of 64 pixels,) by the sensor's clock: nothing happens before if light stands still"""
-    since_us: I64 | None = None
-    """(blocks,) by the sensor's clock: until then the leak is in the reference"""
-    shot_next: I64 | None = None
-    """(blocks,) when the next candidate for shot noise comes, by the sensor's clock, 2^-10 us"""
-    shot_count: I64 | None = None
-    """(blocks,) how many were drawn"""
+
+    def __post_init__(self, values: Mapping[str, Any]) -> None:
+        for array in STATE:
+            setattr(self, array.name, values.get(array.name))
 
     @classmethod
     def dark(
@@ -404,29 +374,14 @@ class PlainState:
         """
         terms = terms or SensorTerms.of(sensor, average)
         shape = (sensor.height, sensor.width)
-        state = cls(
-            seed=seed,
-            reference=on_lines(np.full(shape, np.nan, np.float64)),
-            last_log=on_lines(np.full(shape, np.nan, np.float32)),
-            last_luminance=on_lines(np.full(shape, -1.0, np.float32)),
+        return cls(
+            seed,
+            {
+                array.name: on_lines(np.full(array.shape(shape), array.first, array.dtype))
+                for array in STATE
+                if not array.term or getattr(terms, array.term)
+            },
         )
-
-        def add(on: object, zeros: Any, *names: str) -> None:
-            for name in names if on else ():
-                setattr(state, name, on_lines(zeros))
-
-        zeros = np.zeros(shape, np.float32)
-        blocks = np.zeros(-(-zeros.size // BLOCK), np.int64)
-        add(terms.low_pass, zeros, "filtered")
-        add(terms.follower, zeros, "followed")
-        add(terms.refractory, np.zeros(shape, np.int64), "blind_until")
-        add(terms.photon_noise, np.zeros(shape, np.float64), "noise_budget")
-        add(terms.photon_noise, zeros, "noise_mean", "noise_memory")
-        add(terms.running_mean, zeros * np.float32(np.nan), "mean")
-        add(terms.running_mean, zeros, "noise", "drift")
-        add(terms.skips, blocks, "due_us", "since_us")
-        add(terms.shot_noise, blocks, "shot_next", "shot_count")
-        return state
 
     @property
     def clamps(self) -> int:
@@ -436,12 +391,12 @@ class PlainState:
     def arrays(self) -> dict[str, np.ndarray[Any, Any]]:
         """The arrays that are there, by name: the live ones."""
         fields = vars(self)
-        return {name: fields[name] for name in _ARRAYS if fields[name] is not None}
+        return {array.name: fields[array.name] for array in STATE if fields[array.name] is not None}
 
     def copy(self) -> PlainState:
         """A state of its own: stepping one does not touch the other."""
-        copies: dict[str, Any] = {n: on_lines(array) for n, array in self.arrays().items()}
-        return replace(self, **copies)
+        copies = {name: on_lines(array) for name, array in self.arrays().items()}
+        return PlainState(self.seed, copies, **{name: getattr(self, name) for name in _NUMBERS})
 
     def save(self) -> dict[str, np.ndarray[Any, Any]]:
         """Named arrays that np.savez writes and `restore` takes back."""
@@ -453,32 +408,26 @@ class PlainState:
     def restore(cls, saved: Mapping[str, np.ndarray[Any, Any]]) -> PlainState:
         """The state that was saved. Raises EvsError where something of it is missing or unfit."""
         try:
-            frames: dict[str, Any] = {
-                name: on_lines(np.asarray(saved[name], dtype))
-                for name, dtype in FRAMES.items()
-                if name in saved or name in _ALWAYS
+            arrays = {
+                array.name: on_lines(np.asarray(saved[array.name], array.dtype))
+                for array in STATE
+                if array.name in saved or not array.term
             }
-            blocks: dict[str, Any] = {
-                name: on_lines(np.asarray(saved[name], np.int64))
-                for name in BLOCKS
-                if name in saved
-            }
-            numbers: dict[str, Any] = {name: int(saved[name]) for name in ("seed", *_NUMBERS)}
+            numbers = {name: int(saved[name]) for name in ("seed", *_NUMBERS)}
         except KeyError as missing:
             raise EvsError(
                 f"saved sensor state lacks {missing}; save it with PlainState.save"
             ) from None
-        reference = frames["reference"]
-        if len({array.shape for array in frames.values()}) != 1 or reference.ndim != 2:
+        shape = arrays["reference"].shape
+        shapes = {array.name: array.shape(shape) for array in STATE}
+        if len(shape) != 2 or any(array.shape != shapes[name] for name, array in arrays.items()):
             raise EvsError("saved sensor state has arrays of different shapes; save it again")
-        if any(array.shape != (-(-reference.size // BLOCK),) for array in blocks.values()):
-            raise EvsError("saved sensor state has arrays of different shapes; save it again")
-        logs = [frames[name] for name in _LOGS if name in frames]
+        logs = [arrays[name] for name in _LOGS if name in arrays]
         if any(np.any(np.abs(log) > _LARGEST_LOG) for log in logs):
             raise EvsError(
                 "saved sensor state is damaged: no log light is that large; save it again"
             )
-        state = cls(**frames, **blocks, **numbers)
+        state = cls(values=arrays, **numbers)
         if not state._is_possible():
             raise EvsError("saved sensor state is damaged: its times are invalid; save it again")
         return state
@@ -489,8 +438,8 @@ class PlainState:
             return False
         if not 0 <= self.tick_us <= MAX_TICK_US or self.all_due not in (0, 1):
             return False
-        times = [self.blind_until, self.due_us, self.since_us, self.shot_next, self.shot_count]
-        if any(array is not None and np.any(np.abs(array) > _NEVER) for array in times):
+        times = [array for array in self.arrays().values() if array.dtype == np.int64]
+        if any(np.any(np.abs(array) > _NEVER) for array in times):
             return False
         if np.any(np.isinf(self.last_luminance)) or not 0 <= self.clamped <= MAX_CLOCK_US * 2**11:
             return False

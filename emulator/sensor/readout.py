@@ -40,27 +40,12 @@ class Readout:
         """Raises EvsError for a region or a mask that is not on the sensor, and a bad mask file."""
         readout = sensor.readout
         self.native = _core.Readout(
-            width=sensor.width,
-            height=sensor.height,
-            latency_us=sensor.latency_us,
-            latency_sigma_us=sensor.latency_sigma_us,
-            order=readout.order,
-            row_ns=readout.row_ns,
-            column_ns=readout.column_ns,
-            jitter_ns=readout.jitter_ns,
-            phase_ns=readout.phase_ns,
-            scan_us=readout.scan_us,
-            scan_column_ns=readout.scan_column_ns,
-            scan_from=readout.scan_from,
-            scan_every=readout.scan_every,
-            scan_events=readout.scan_events,
-            erc_target=readout.erc_target,
-            erc_period_us=readout.erc_period_us,
-            erc_drop=readout.erc_drop,
-            link_rate=readout.link_rate,
-            fifo=readout.fifo,
-            stamp_sent=readout.stamp == "sent",
-            fates=draw_fates(readout, sensor.width, sensor.height),
+            sensor.width,
+            sensor.height,
+            sensor.latency_us,
+            sensor.latency_sigma_us,
+            readout,
+            draw_fates(readout, sensor.width, sensor.height),
         )
 
     def init(self, seed: int) -> ReadoutState:

@@ -180,16 +180,12 @@ class DeviceBatch:
             end = frames_at + len(part) * frame_bytes
             self._native.lay_out(
                 part,
-                *poses,
+                poses,
                 tick_us,
                 first=begin,
                 tick=self._frames.address + at,
                 luminance=self._light.address,
-                crossings=scratch.slots.address,
-                crossing_room=scratch.crossings,
-                candidates=scratch.drawn.address,
-                candidate_room=scratch.candidates,
-                counts=scratch.counts.address,
+                room=scratch.block_room,
                 staged=here[at:frames_at].reshape(-1, tick_bytes),
                 frames=here[frames_at:end].reshape(-1, frame_bytes),
                 pixels=self._pixels_here[begin : begin + len(part)],

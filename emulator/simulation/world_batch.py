@@ -228,7 +228,7 @@ class WorldBatch:
             if self._device is not None:
                 self._device.step(numbers, placed, begin_us, self._tick_us)
             else:
-                self._native.step(numbers, *placed, begin_us, self._tick_us)
+                self._native.step(numbers, placed, begin_us, self._tick_us)
         except MemoryError:
             raise EvsError(
                 "the events of a tick do not fit in memory; raise the thresholds"

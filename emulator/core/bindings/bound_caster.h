@@ -6,6 +6,7 @@
 
 #include <string>
 
+#include "bindings/values.h"
 #include "render/caster.h"
 
 namespace nb = nanobind;
@@ -17,10 +18,6 @@ using In = nb::ndarray<const T, nb::shape<SHAPE...>, nb::c_contig, nb::device::c
 template <class T, nb::ssize_t... SHAPE>
 using Out = nb::ndarray<T, nb::shape<SHAPE...>, nb::c_contig, nb::device::cpu>;
 constexpr nb::ssize_t N = -1;
-
-inline void require(bool holds, const char* what) {
-  if (!holds) throw nb::value_error(what);
-}
 
 struct BoundCaster {
   Caster caster;

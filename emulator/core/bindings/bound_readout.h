@@ -9,18 +9,16 @@
 #include <optional>
 #include <vector>
 
-#include "bindings/bound_pixels.h"
 #include "bindings/gil.h"
-#include "bindings/owned_array.h"
+#include "bindings/values.h"
 #include "sensor/readout.h"
 
 namespace nb = nanobind;
 
 namespace evs {
 
-using BytesIn = nb::ndarray<const uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using TimesIn = nb::ndarray<const int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using ClockArray = nb::ndarray<int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using TimesIn = Array<const int64_t, 1>;
+using ClockArray = Array<int64_t, 1>;
 using Times = nb::ndarray<nb::numpy, int64_t, nb::ndim<1>>;
 
 class BoundReadout {

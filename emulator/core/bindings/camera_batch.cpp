@@ -14,6 +14,9 @@
 namespace evs {
 namespace {
 
+// Of all worlds and cameras: geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat.
+using PosesIn = std::tuple<In<double, N, N, 3>, In<double, N, N, 9>, In<double, N, N, 3>,
+                           In<double, N, N, 3>, In<double, N, 3>, In<double, N, 9>>;
 using Offsets = nb::ndarray<nb::numpy, int64_t, nb::ndim<1>>;
 
 class CameraBatch {
@@ -38,23 +41,7 @@ class CameraBatch {
             "caster and pixels differ in size");
     require(luminance.shape(0) == renders->height && luminance.shape(1) == renders->width,
             "luminance is (height, width)");
-    PixelState arrays{needed<double>(state, "reference"),
-                      needed<float>(state, "last_log"),
-                      needed<float>(state, "last_luminance"),
-                      maybe<Array<float, 2>>(state, "filtered"),
-                      maybe<Array<float, 2>>(state, "followed"),
-                      maybe<Array<int64_t, 2>>(state, "blind_until"),
-                      maybe<Array<double, 2>>(state, "noise_budget"),
-                      maybe<Array<float, 2>>(state, "noise_mean"),
-                      maybe<Array<float, 2>>(state, "noise_memory"),
-                      maybe<Array<float, 2>>(state, "mean"),
-                      maybe<Array<float, 2>>(state, "noise"),
-                      maybe<Array<float, 2>>(state, "drift"),
-                      maybe<Array<int64_t, 1>>(state, "due_us"),
-                      maybe<Array<int64_t, 1>>(state, "since_us"),
-                      maybe<Array<int64_t, 1>>(state, "shot_next"),
-                      maybe<Array<int64_t, 1>>(state, "shot_count")};
-    camera.arrays = bound->bind(arrays);
+    camera.arrays = bound->bind(state);
     camera.caster = renders;
     camera.luminance = luminance.data();
     camera.pixels = bound;
@@ -111,13 +98,10 @@ class CameraBatch {
     return nb::make_tuple(camera.clock_us, camera.tick_us, camera.ticks, camera.clamped);
   }
 
-  void step(In<int32_t, N> which, In<double, N, N, 3> geom_pos, In<double, N, N, 9> geom_mat,
-            In<double, N, N, 3> light_pos, In<double, N, N, 3> light_dir,
-            In<double, N, 3> camera_pos, In<double, N, 9> camera_mat, In<int64_t, N> t_begin_us,
+  void step(In<int32_t, N> which, const PosesIn& placed, In<int64_t, N> t_begin_us,
             int64_t tick_us) {
-    const AllPoses poses =
-        checked_poses(which, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
-    require(t_begin_us.shape(0) == geom_pos.shape(0), "one time for each world");
+    const AllPoses poses = checked_poses(which, placed);
+    require(t_begin_us.shape(0) == std::get<0>(placed).shape(0), "one time for each world");
     BoundPixels::check_tick_us(tick_us);
     GilRelease release;
     pool_.run(static_cast<int>(which.shape(0)), [&](int job, int) {
@@ -140,15 +124,10 @@ class CameraBatch {
   }
 
   // Write what a device needs for a tick of some cameras.
-  void lay_out(In<int32_t, N> which, In<double, N, N, 3> geom_pos, In<double, N, N, 9> geom_mat,
-               In<double, N, N, 3> light_pos, In<double, N, N, 3> light_dir,
-               In<double, N, 3> camera_pos, In<double, N, 9> camera_mat, int64_t tick_us,
-               size_t first, uint64_t tick, uint64_t luminance, uint64_t crossings,
-               uint32_t crossing_room, uint64_t candidates, uint32_t candidate_room,
-               uint64_t counts, Out<uint8_t, N, N> staged, Out<uint8_t, N, N> frames,
-               Out<uint8_t, N, N> pixels) {
-    const AllPoses poses =
-        checked_poses(which, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
+  void lay_out(In<int32_t, N> which, const PosesIn& placed, int64_t tick_us, size_t first,
+               uint64_t tick, uint64_t luminance, const DeviceRoom& room, Out<uint8_t, N, N> staged,
+               Out<uint8_t, N, N> frames, Out<uint8_t, N, N> pixels) {
+    const AllPoses poses = checked_poses(which, placed);
     BoundPixels::check_tick_us(tick_us);
     const size_t jobs = which.shape(0);
     for (size_t k = 0; k < jobs; k++) {
@@ -180,11 +159,12 @@ class CameraBatch {
       Tick light{at<const float>(target), camera.clock_us, static_cast<uint32_t>(tick_us)};
       // filters that stand still in short ticks may move in a longer one
       light.all_due = camera.all_due || camera.tick_us != tick_us;
-      const DeviceRoom room = {crossings + before * crossing_room * sizeof(Crossing), crossing_room,
-                               candidates + before * candidate_room * sizeof(ShotCandidate),
-                               candidate_room, counts + before * sizeof(BlockCounts)};
+      const auto [crossings, crossing_room, candidates, candidate_room, counts] = room;
+      const DeviceRoom own = {crossings + before * crossing_room * sizeof(Crossing), crossing_room,
+                              candidates + before * candidate_room * sizeof(ShotCandidate),
+                              candidate_room, counts + before * sizeof(BlockCounts)};
       const DevicePixels made =
-          device.pixels->arguments(device.pixel_constant, device.arrays, light, camera.ticks, room);
+          device.pixels->arguments(device.pixel_constant, device.arrays, light, camera.ticks, own);
       std::memcpy(pixels.data() + k * sizeof made, &made, sizeof made);
     });
   }
@@ -333,10 +313,8 @@ class CameraBatch {
   }
 
   // The poses of a tick, which are those of all cameras, and of the worlds of those that are named.
-  AllPoses checked_poses(const In<int32_t, N>& which, const In<double, N, N, 3>& geom_pos,
-                         const In<double, N, N, 9>& geom_mat, const In<double, N, N, 3>& light_pos,
-                         const In<double, N, N, 3>& light_dir, const In<double, N, 3>& camera_pos,
-                         const In<double, N, 9>& camera_mat) const {
+  AllPoses checked_poses(const In<int32_t, N>& which, const PosesIn& placed) const {
+    const auto& [geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat] = placed;
     const size_t worlds = geom_pos.shape(0), geoms = geom_pos.shape(1);
     const size_t lights = light_pos.shape(1);
     require(geom_mat.shape(0) == worlds && geom_mat.shape(1) == geoms &&
@@ -353,17 +331,6 @@ class CameraBatch {
     }
     return {geom_pos.data(),   geom_mat.data(),  geoms, light_pos.data(), light_dir.data(), lights,
             camera_pos.data(), camera_mat.data()};
-  }
-
-  template <class Kind>
-  static std::optional<Kind> maybe(const nb::dict& state, const char* name) {
-    if (!state.contains(name)) return std::nullopt;
-    return nb::cast<Kind>(state[name], false);
-  }
-  template <class T>
-  static Array<T, 2> needed(const nb::dict& state, const char* name) {
-    require(state.contains(name), "the state lacks an array");
-    return nb::cast<Array<T, 2>>(state[name], false);
   }
 
   // as MAX_TIME_US of emulator/sensor/readout.py
@@ -434,22 +401,17 @@ void bind_camera_batch(nb::module_& m) {
            "    pixels: DevicePixels of its pixels.\n"
            "    pixel_constant: Where what stays of them lies.\n"
            "    arrays: Where each array of their state lies, by name.")
-      .def("lay_out", &CameraBatch::lay_out, nb::arg("which"), nb::arg("geom_pos"),
-           nb::arg("geom_mat"), nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"),
-           nb::arg("camera_mat"), nb::arg("tick_us"), nb::kw_only(), nb::arg("first"),
-           nb::arg("tick"), nb::arg("luminance"), nb::arg("crossings"), nb::arg("crossing_room"),
-           nb::arg("candidates"), nb::arg("candidate_room"), nb::arg("counts"), nb::arg("staged"),
-           nb::arg("frames"), nb::arg("pixels"),
+      .def("lay_out", &CameraBatch::lay_out, nb::arg("which"), nb::arg("poses"), nb::arg("tick_us"),
+           nb::kw_only(), nb::arg("first"), nb::arg("tick"), nb::arg("luminance"), nb::arg("room"),
+           nb::arg("staged"), nb::arg("frames"), nb::arg("pixels"),
            "Write what a device needs for a tick of some cameras.\n"
            "\n"
            "Args:\n"
-           "    which, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat, tick_us:\n"
-           "        See `step`.\n"
+           "    which, poses, tick_us: See `step`.\n"
            "    first: How many cameras of this tick were laid out before.\n"
            "    tick: Where `staged` will lie on the device.\n"
            "    luminance: Where the light of all cameras, (n, h, w) float32, will.\n"
-           "    crossings, crossing_room, candidates, candidate_room, counts: See\n"
-           "        DevicePixels.copy_arguments, camera after camera of the tick.\n"
+           "    room: See DevicePixels.copy_arguments, camera after camera of the tick.\n"
            "    staged: (k, tick_bytes of the largest) uint8, the output: what the tick changes.\n"
            "    frames: (k, argument_bytes + 8) uint8, the output: a frame, and where its light "
            "goes.\n"
@@ -466,16 +428,15 @@ void bind_camera_batch(nb::module_& m) {
            "    t_begin_us, tick_us: See `step`.")
       .def("numbers", &CameraBatch::numbers, nb::arg("camera"),
            "Return clock_us, tick_us and ticks of a camera, and the pixels clamped since `put`.")
-      .def("step", &CameraBatch::step, nb::arg("which"), nb::arg("geom_pos"), nb::arg("geom_mat"),
-           nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
-           nb::arg("t_begin_us"), nb::arg("tick_us"),
+      .def("step", &CameraBatch::step, nb::arg("which"), nb::arg("poses"), nb::arg("t_begin_us"),
+           nb::arg("tick_us"),
            "Render a tick of some cameras and step their pixels.\n"
            "\n"
            "Args:\n"
            "    which: (k,) int32, the numbers of the cameras, in order.\n"
-           "    geom_pos, geom_mat: (worlds, ng, 3) and (worlds, ng, 9) float64, world frame.\n"
-           "    light_pos, light_dir: (worlds, nl, 3) float64, world frame.\n"
-           "    camera_pos, camera_mat: (cameras, 3) and (cameras, 9) float64, world frame.\n"
+           "    poses: geom_pos and geom_mat, (worlds, ng, 3) and (worlds, ng, 9); light_pos and\n"
+           "        light_dir, (worlds, nl, 3); camera_pos and camera_mat, (cameras, 3) and\n"
+           "        (cameras, 9); float64, world frame.\n"
            "    t_begin_us: (worlds,) int64, the time of each world at the start of the tick.\n"
            "    tick_us: The length of the tick.")
       .def("take_events", &CameraBatch::take_events, nb::arg("which"),

@@ -137,24 +137,24 @@ void bind_device_pixels(nb::module_& m) {
            "Args:\n"
            "    address: Where it will lie on the device.\n"
            "    out: (constant_bytes,) uint8, the output.")
-      .def("copy_arguments", &BoundDevicePixels::copy_arguments, nb::kw_only(), nb::arg("constant"),
-           nb::arg("arrays"), nb::arg("luminance"), nb::arg("clock_us"), nb::arg("tick_us"),
-           nb::arg("ticks"), nb::arg("all_due"), nb::arg("row_reads"), nb::arg("row_read_count"),
-           nb::arg("crossings"), nb::arg("crossing_room"), nb::arg("candidates"),
-           nb::arg("candidate_room"), nb::arg("counts"), nb::arg("out"),
-           "Write the argument of the kernels for a tick.\n"
-           "\n"
-           "Args:\n"
-           "    constant: Where what stays lies on the device.\n"
-           "    arrays: Where each array of the state lies, by name.\n"
-           "    luminance: Where the (h, w) float32 light lies.\n"
-           "    clock_us, tick_us, ticks, all_due: See `PixelArray.step`.\n"
-           "    row_reads, row_read_count: Where (n, 2) int32 row reads lie, and n.\n"
-           "    crossings, candidates, counts: Where there is room for (blocks, crossing_room)\n"
-           "        crossings of 8 bytes, (blocks, candidate_room) candidates of 16 and (blocks,)\n"
-           "        counts of 12.\n"
-           "    crossing_room, candidate_room: How much of it a block has.\n"
-           "    out: (argument_bytes,) uint8, the output.")
+      .def(
+          "copy_arguments", &BoundDevicePixels::copy_arguments, nb::kw_only(), nb::arg("constant"),
+          nb::arg("arrays"), nb::arg("luminance"), nb::arg("clock_us"), nb::arg("tick_us"),
+          nb::arg("ticks"), nb::arg("all_due"), nb::arg("row_reads"), nb::arg("row_read_count"),
+          nb::arg("room"), nb::arg("out"),
+          "Write the argument of the kernels for a tick.\n"
+          "\n"
+          "Args:\n"
+          "    constant: Where what stays lies on the device.\n"
+          "    arrays: Where each array of the state lies, by name.\n"
+          "    luminance: Where the (h, w) float32 light lies.\n"
+          "    clock_us, tick_us, ticks, all_due: See `PixelArray.step`.\n"
+          "    row_reads, row_read_count: Where (n, 2) int32 row reads lie, and n.\n"
+          "    room: crossings, crossing_room, candidates, candidate_room, counts: where there is\n"
+          "        room for (blocks, crossing_room) crossings of 8 bytes, (blocks, "
+          "candidate_room)\n"
+          "        candidates of 16 and (blocks,) counts of 12.\n"
+          "    out: (argument_bytes,) uint8, the output.")
       .def_prop_ro("constant_bytes", &BoundDevicePixels::constant_bytes, "Bytes of what stays.")
       .def_prop_ro(
           "argument_bytes", [](const BoundDevicePixels&) { return sizeof(DevicePixels); },

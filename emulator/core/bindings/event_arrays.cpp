@@ -6,21 +6,13 @@
 
 #include "base/thread_pool.h"
 #include "bindings/gil.h"
+#include "bindings/values.h"
 #include "sensor/event_arrays.h"
-
-namespace nb = nanobind;
 
 namespace evs {
 namespace {
 
-template <class T, size_t DIMENSIONS>
-using Array = nb::ndarray<T, nb::ndim<DIMENSIONS>, nb::c_contig, nb::device::cpu>;
-using BytesIn = Array<const uint8_t, 1>;
 using Times = Array<const int64_t, 1>;
-
-void require(bool holds, const char* what) {
-  if (!holds) throw std::invalid_argument(what);
-}
 
 class EventArrays {
  public:

@@ -13,28 +13,14 @@
 #include <vector>
 
 #include "bindings/gil.h"
+#include "bindings/values.h"
 #include "evsnet/device_constants.h"
 #include "evsnet/network_array.h"
-
-namespace nb = nanobind;
 
 namespace evs {
 namespace {
 
-template <class T, size_t DIMENSIONS>
-using Array = nb::ndarray<T, nb::ndim<DIMENSIONS>, nb::c_contig, nb::device::cpu>;
 using Line = Array<const float, 1>;
-using Bytes = nb::ndarray<nb::numpy, uint8_t, nb::ndim<1>>;
-
-void require(bool holds, const char* what) {
-  if (!holds) throw std::invalid_argument(what);
-}
-
-Bytes owned(EventBuffer buffer) {
-  Event* events = buffer.events.release();
-  nb::capsule owner(events, [](void* p) noexcept { delete[] static_cast<Event*>(p); });
-  return Bytes(reinterpret_cast<uint8_t*>(events), {buffer.count * sizeof(Event)}, owner);
-}
 
 // Copies of the parameters, which nothing in Python can change.
 struct Parameters {
@@ -44,10 +30,28 @@ struct Parameters {
 
 class BoundNetwork {
  public:
-  BoundNetwork(int width, int height, Line weights, Array<const float, 2> biases,
-               Array<const int32_t, 1> delays, Line last, float last_bias, float v_on, float v_off,
-               int most, Line decay_low, Line decay_high, float exposure_dn, float dark_dn,
-               float linlog_dn, int64_t tick_us, bool dense, int threads, const std::string& isa) {
+  BoundNetwork(int width, int height, nb::object parameters, int64_t tick_us, bool dense,
+               int threads, const std::string& isa) {
+    Line weights, last, decay_low, decay_high;
+    Array<const float, 2> biases;
+    Array<const int32_t, 1> delays;
+    float last_bias = 0.0f, v_on = 0.0f, v_off = 0.0f;
+    float exposure_dn = 0.0f, dark_dn = 0.0f, linlog_dn = 0.0f;
+    int most = 0;
+    const Fields field(parameters);
+    field("weights", weights);
+    field("biases", biases);
+    field("delays", delays);
+    field("last", last);
+    field("last_bias", last_bias);
+    field("v_on", v_on);
+    field("v_off", v_off);
+    field("most", most);
+    field("decay_low", decay_low);
+    field("decay_high", decay_high);
+    field("exposure_dn", exposure_dn);
+    field("dark_dn", dark_dn);
+    field("linlog_dn", linlog_dn);
     require(width >= 1 && width <= 32767 && height >= 1 && height <= 32767,
             "width and height must be in [1, 32767]");
     require(last.shape(0) >= 1 && last.shape(0) <= 64, "1 ... 64 channels are possible");
@@ -145,7 +149,8 @@ class BoundNetwork {
         std::lock_guard one_caller(callers_);
         buffers = array_->step(arrays, chunk, more, counts);
       }
-      for (EventBuffer& buffer : buffers) events.append(owned(std::move(buffer)));
+      for (EventBuffer& buffer : buffers)
+        events.append(owned<Bytes>(std::move(buffer.events), buffer.count));
     }
     return nb::make_tuple(events, counts.clamped, counts.x_clamped, counts.v_clamped);
   }
@@ -181,12 +186,6 @@ class BoundNetwork {
   std::mutex callers_;  // one call at a time: the scratch memory is shared
   std::unique_ptr<NetworkArray> array_;
 };
-
-// The number of an address.
-template <class T>
-T* at(uint64_t address) {
-  return reinterpret_cast<T*>(address);
-}
 
 Bytes constants_of(const DeviceConstants& constants, uint64_t address) {
   char* out = new char[constants.bytes()]();
@@ -228,16 +227,12 @@ void launch_kernel(const std::string& kernel, size_t blocks, size_t threads,
 void bind_network(nb::module_& m) {
   nb::class_<BoundNetwork>(m, "NetworkArray",
                            "EvSNet on an array of pixels. The caller owns the state.")
-      .def(nb::init<int, int, Line, Array<const float, 2>, Array<const int32_t, 1>, Line, float,
-                    float, float, int, Line, Line, float, float, float, int64_t, bool, int,
-                    const std::string&>(),
-           nb::arg("width"), nb::arg("height"), nb::kw_only(), nb::arg("weights").noconvert(),
-           nb::arg("biases").noconvert(), nb::arg("delays").noconvert(),
-           nb::arg("last").noconvert(), nb::arg("last_bias"), nb::arg("v_on"), nb::arg("v_off"),
-           nb::arg("most"), nb::arg("decay_low").noconvert(), nb::arg("decay_high").noconvert(),
-           nb::arg("exposure_dn"), nb::arg("dark_dn"), nb::arg("linlog_dn"), nb::arg("tick_us"),
-           nb::arg("dense") = false, nb::arg("threads") = 0, nb::arg("isa") = "auto",
+      .def(nb::init<int, int, nb::object, int64_t, bool, int, const std::string&>(),
+           nb::arg("width"), nb::arg("height"), nb::arg("parameters"), nb::kw_only(),
+           nb::arg("tick_us"), nb::arg("dense") = false, nb::arg("threads") = 0,
+           nb::arg("isa") = "auto",
            "Args:\n"
+           "    parameters: An object with the attributes weights ... linlog_dn.\n"
            "    weights: The weights of all convolutions, one after another, each (out, in,\n"
            "        7).\n"
            "    biases: (convolutions, channels).\n"

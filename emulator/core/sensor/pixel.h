@@ -71,13 +71,29 @@ struct PixelSettings {
 
 // The fixed pattern, row by row. Null: the term is off.
 struct PixelPattern {
-  const float* theta_on = nullptr;       // at least 2^-20
+  const float* theta_on = nullptr;       // at least 2^-20; infinite: the pixel is dead
   const float* theta_off = nullptr;      // at least 2^-20
   const float* leak = nullptr;           // log units per us, multiples of 2^-43
   const float* parasitic = nullptr;      // the same, in proportion to light
   const float* phase = nullptr;          // log units from the first reference up to the first light
   const uint8_t* hot = nullptr;          // 1: the cause of its leak events is `hot`
+  const float* shot_on = nullptr;        // Hz in the dark
+  const float* shot_off = nullptr;       // Hz
   const uint32_t* refractory = nullptr;  // us, in [1, 2^30]; null: that of the settings
+
+  // Visit each array by its name in FixedPattern of emulator/sensor/fixed_pattern.py.
+  template <class Visit>
+  void each(Visit&& visit) {
+    visit("on", theta_on);
+    visit("off", theta_off);
+    visit("leak", leak);
+    visit("parasitic", parasitic);
+    visit("phase", phase);
+    visit("hot", hot);
+    visit("shot_on", shot_on);
+    visit("shot_off", shot_off);
+    visit("refractory_us", refractory);
+  }
 };
 
 // The state of all pixels, row by row, all In/out. Null: the term is off.
@@ -101,6 +117,48 @@ struct PixelArrays {
   bool photon_noise() const { return EVS_PHOTON_NOISE && noise_budget != nullptr; }
   bool shot_noise() const { return EVS_SHOT_NOISE && shot.next != nullptr; }
 };
+
+// What an array of the state is for: a property of SensorTerms of emulator/sensor/terms.py; "": it
+// is always there.
+struct StateTerm {
+  const char* name;
+  bool on;
+};
+
+// The table of the state: visit(name, array, pixels, first, term) each array. It has a number for
+// each `pixels` pixels, at first this one, and is null where its term is off.
+template <class Visit>
+void each_array(PixelArrays& a, const PixelSettings& settings, const PixelPattern& pattern,
+                Visit&& visit) {
+  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+  const StateTerm always{"", true};
+  const StateTerm low_pass{"low_pass", settings.lowpass()};
+  const StateTerm follower{"follower", settings.follower > 0.0};
+  const StateTerm refractory{"refractory", settings.refractory > 0};
+  const StateTerm photon_noise{"photon_noise", settings.photon.scale > 0.0};
+  const StateTerm running_mean{"running_mean", settings.running_mean};
+  const StateTerm shot_noise{"shot_noise", pattern.shot_on != nullptr};
+  // whether anything happens with time in blocks that are skipped
+  const StateTerm skips{"skips", pattern.leak != nullptr || settings.highpass > 0.0 ||
+                                     low_pass.on || follower.on || refractory.on ||
+                                     running_mean.on};
+  visit("reference", a.reference, 1, kNone, always);
+  visit("last_log", a.last_log, 1, kNone, always);
+  visit("last_luminance", a.last_luminance, 1, -1.0, always);
+  visit("filtered", a.filtered, 1, 0.0, low_pass);
+  visit("followed", a.followed, 1, 0.0, follower);
+  visit("blind_until", a.blind_until, 1, 0.0, refractory);
+  visit("noise_budget", a.noise_budget, 1, 0.0, photon_noise);
+  visit("noise_mean", a.noise_mean, 1, 0.0, photon_noise);
+  visit("noise_memory", a.noise_memory, 1, 0.0, photon_noise);
+  visit("mean", a.running_mean.mean, 1, kNone, running_mean);
+  visit("noise", a.running_mean.noise, 1, 0.0, running_mean);
+  visit("drift", a.running_mean.drift, 1, 0.0, running_mean);
+  visit("due_us", a.due_us, kBlock, 0.0, skips);
+  visit("since_us", a.since_us, kBlock, 0.0, skips);
+  visit("shot_next", a.shot.next, kBlock, 0.0, shot_noise);
+  visit("shot_count", a.shot.count, kBlock, 0.0, shot_noise);
+}
 
 struct Tick {
   const float* luminance;

@@ -84,10 +84,10 @@ class PixelArray {
     const size_t bands = (pixels_ + kBand - 1) / kBand;
     crossings_.resize(bands);
     clamped_.resize(bands);
-    if (settings_.shot.on != nullptr) {
+    if (pattern_.shot_on != nullptr) {
       for (size_t first = 0; first < pixels_; first += kBlock) {
-        shot_bounds_.push_back(
-            shot_bound(settings_.shot, first, std::min(kBlock, pixels_ - first)));
+        const size_t count = std::min(kBlock, pixels_ - first);
+        shot_bounds_.push_back(shot_bound(pattern_.shot_on, pattern_.shot_off, first, count));
       }
     }
   }

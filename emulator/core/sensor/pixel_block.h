@@ -81,8 +81,8 @@ EVS_CALL_ON_DEVICE void compare(const PixelStep& step, size_t pixel, const Respo
   if (pattern.hot != nullptr && pattern.hot[pixel] != 0) comparators.drift_cause = Cause::hot;
   comparators.crosstalk = step.settings.aps_crosstalk;
   if (NOISY && arrays.shot_noise()) {
-    comparators.shot_on = step.settings.shot.on[pixel];
-    comparators.shot_off = step.settings.shot.off[pixel];
+    comparators.shot_on = step.pattern.shot_on[pixel];
+    comparators.shot_off = step.pattern.shot_off[pixel];
     comparators.rate_scale = step.settings.shot.rate_scale(dn);
   }
   const uint32_t index = static_cast<uint32_t>(pixel % kBlock);
@@ -293,8 +293,8 @@ EVS_ALWAYS_INLINE bool accepts(const PixelStep& step, size_t first, const ShotCa
   const double scale = noise.rate_scale(dn);
   // reject most candidates by the bound of the block; the rates are seldom in the cache
   if (!(shot.draw_hz < step.shot_bounds[first / kBlock] * scale)) return false;
-  const double on = noise.on[first + shot.pixel];
-  const double off = noise.off[first + shot.pixel];
+  const double on = step.pattern.shot_on[first + shot.pixel];
+  const double off = step.pattern.shot_off[first + shot.pixel];
   return shot.draw_hz < (on + off) * scale;
 }
 

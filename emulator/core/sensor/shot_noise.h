@@ -19,10 +19,8 @@ namespace evs {
 inline constexpr size_t kBlock = 64;  // pixels that are stepped together
 
 struct ShotNoise {
-  const float* on = nullptr;   // Hz of each pixel in the dark; null: no shot noise
-  const float* off = nullptr;  // Hz
-  uint64_t key = 0;            // from the seed and the term
-  double bright = 1.0;         // rate in bright light over the rate in the dark
+  uint64_t key = 0;     // from the seed and the term
+  double bright = 1.0;  // rate in bright light over the rate in the dark
   // scale of the rate at a DN: linear, 1 - (1 - bright) min(1, offset + slope DN);
   // inverse, bright + (1 - bright) dim / (dim + DN)
   bool inverse = false;
@@ -53,11 +51,11 @@ struct ShotCandidate {
   double draw_hz;   // uniform in [0, bound); accepted if below the rate of the pixel
 };
 
-// Highest rate of a pixel in the block, Hz.
-inline double shot_bound(const ShotNoise& shot, size_t first, size_t count) {
+// Highest rate of a pixel in the block, Hz. In: those of each pixel.
+inline double shot_bound(const float* on, const float* off, size_t first, size_t count) {
   double bound = 0.0;
   for (size_t i = first; i < first + count; i++) {
-    const double rate = static_cast<double>(shot.on[i]) + static_cast<double>(shot.off[i]);
+    const double rate = static_cast<double>(on[i]) + static_cast<double>(off[i]);
     bound = std::max(bound, rate);
   }
   return bound;

@@ -16,7 +16,6 @@ namespace {
 
 constexpr int kWidth = 37, kHeight = 11;
 constexpr size_t kPixels = static_cast<size_t>(kWidth) * kHeight;
-constexpr size_t kBlocks = (kPixels + kBlock - 1) / kBlock;
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
 // The settings of a sensor and the memory of its fixed pattern.
@@ -38,54 +37,12 @@ struct Terms {
   }
 };
 
-// All arrays of the state, whether their terms are on or not.
-struct Memory {
-  std::vector<float> last_log, last_light, filtered, followed, mean, noise, drift;
-  std::vector<float> noise_mean, noise_memory;
-  std::vector<double> reference, noise_budget;
-  std::vector<int64_t> blind, due, since, next, drawn;
-
-  Memory()
-      : last_log(kPixels, kNan),
-        last_light(kPixels, -1.0f),
-        filtered(kPixels),
-        followed(kPixels),
-        mean(kPixels, kNan),
-        noise(kPixels),
-        drift(kPixels),
-        noise_mean(kPixels),
-        noise_memory(kPixels),
-        reference(kPixels, std::numeric_limits<double>::quiet_NaN()),
-        noise_budget(kPixels),
-        blind(kPixels),
-        due(kBlocks),
-        since(kBlocks),
-        next(kBlocks),
-        drawn(kBlocks) {}
-
-  PixelArrays arrays(const Terms& terms) {
-    PixelArrays out;
-    out.reference = reference.data();
-    out.last_log = last_log.data();
-    out.last_luminance = last_light.data();
-    out.filtered = filtered.data();
-    out.followed = followed.data();
-    if (terms.settings.refractory > 0) out.blind_until = blind.data();
-    out.running_mean = {mean.data(), noise.data(), drift.data(), 0.1f, 0.1f, 0.1f, 1.0f};
-    out.due_us = due.data();
-    out.since_us = since.data();
-    if (terms.settings.photon.scale > 0.0) {
-      out.noise_budget = noise_budget.data();
-      out.noise_mean = noise_mean.data();
-      out.noise_memory = noise_memory.data();
-    }
-    if (terms.settings.shot.on != nullptr) out.shot = {next.data(), drawn.data()};
-    return out;
-  }
-};
-
 // Luminance that jumps, stands still, and is unusable; ticks of every length.
-std::vector<Event> run(const Terms& terms, const std::string& isa, int threads, Memory& memory) {
+std::vector<Event> run(const Terms& terms, const std::string& isa, int threads,
+                       PixelArrays arrays) {
+  RunningMean& mean = arrays.running_mean;
+  mean.noise_gain = mean.drift_gain = mean.least_gain = 0.1f;
+  mean.noise_weight = 1.0f;
   PixelArray sensor(terms.settings, terms.pattern, kWidth, kHeight, threads, isa);
   const float values[] = {0.5f, 0.0f, 1e9f, -1.0f, kNan, 1e-40f, -0.0f, 3e38f, 1e-19f, 0.5f};
   std::vector<float> light(kPixels, 0.5f);
@@ -97,7 +54,6 @@ std::vector<Event> run(const Terms& terms, const std::string& isa, int threads, 
     for (uint32_t us : {1000u, 1000u, 1u, 50'000u, 1000u}) {
       if (++round % 11 == 0) us = 700'000;
       size_t clamped = 0;
-      const PixelArrays arrays = memory.arrays(terms);
       // the rows of a frame are read, all in the first us of a short tick
       std::vector<RowRead> reads;
       for (int32_t row = 0; terms.settings.aps_crosstalk > 0.0 && row < kHeight; row++) {
@@ -113,11 +69,12 @@ std::vector<Event> run(const Terms& terms, const std::string& isa, int threads, 
 }
 
 void survives(const Terms& terms) {
-  Memory memory;
-  const std::vector<Event> expected = run(terms, "portable", 1, memory);
+  const PixelMemory memory(terms.settings, terms.pattern, kPixels);
+  const PixelArrays& arrays = memory.arrays;
+  const std::vector<Event> expected = run(terms, "portable", 1, arrays);
   check(!expected.empty(), "light makes events");
   bool finite = true;
-  for (double r : memory.reference) finite = finite && !std::isinf(r);  // NaN: refractory
+  for (size_t i = 0; i < kPixels; i++) finite = finite && !std::isinf(arrays.reference[i]);
   check(finite, "no light makes a reference infinite");
   bool sorted = true;
   for (size_t i = 1; i < expected.size(); i++) {
@@ -126,15 +83,12 @@ void survives(const Terms& terms) {
   check(sorted, "events are sorted and carry their cause");
 
   for (const std::string& isa : isa_available()) {
-    Memory other;
-    const std::vector<Event> events = run(terms, isa, 2, other);
+    const PixelMemory other(terms.settings, terms.pattern, kPixels);
+    const std::vector<Event> events = run(terms, isa, 2, other.arrays);
     check(events.size() == expected.size() &&
               std::memcmp(events.data(), expected.data(), events.size() * sizeof(Event)) == 0,
           "every instruction set gives the same events");
-    check(std::memcmp(other.reference.data(), memory.reference.data(), kPixels * 8) == 0,
-          "every instruction set leaves the same references");
-    check(std::memcmp(other.noise_budget.data(), memory.noise_budget.data(), kPixels * 8) == 0,
-          "every instruction set leaves the same budgets of noise");
+    check(other.bytes() == memory.bytes(), "every instruction set leaves the same state");
   }
 }
 
@@ -167,7 +121,7 @@ void pixels_survive_any_light() {
         t.settings.parasitic_slope = 1e-7;
       },
       [](Terms& t) { t.settings.aps_crosstalk = 0.05; },
-      [](Terms& t) { t.settings.shot.on = t.settings.shot.off = t.rate.data(); },
+      [](Terms& t) { t.pattern.shot_on = t.pattern.shot_off = t.rate.data(); },
       [](Terms& t) {
         t.settings.noise_gain = t.settings.drift_gain = t.settings.least_gain = 0.1f;
         t.settings.running_mean = true;

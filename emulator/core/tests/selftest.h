@@ -1,10 +1,12 @@
 // What the native core's own tests share: a scene of everything, and who counts the failures.
 #pragma once
 
+#include <algorithm>
 #include <random>
 #include <vector>
 
 #include "render/caster.h"
+#include "sensor/pixel.h"
 
 namespace evs {
 
@@ -12,6 +14,28 @@ extern int failures;
 
 // Print `what` and count it where it does not hold.
 void check(bool holds, const char* what);
+
+// The arrays of the state of pixels, as before the first light.
+class PixelMemory {
+ public:
+  PixelArrays arrays;
+
+  PixelMemory(const PixelSettings& settings, const PixelPattern& pattern, size_t count) {
+    each_array(arrays, settings, pattern,
+               [&]<class T>(const char*, T*& array, size_t pixels, double first, StateTerm term) {
+                 if (!term.on) return;
+                 const size_t numbers = (count + pixels - 1) / pixels;
+                 memory_.emplace_back(numbers * sizeof(T));
+                 array = reinterpret_cast<T*>(memory_.back().data());
+                 std::fill_n(array, numbers, static_cast<T>(first));
+               });
+  }
+
+  const std::vector<std::vector<char>>& bytes() const { return memory_; }
+
+ private:
+  std::vector<std::vector<char>> memory_;
+};
 
 // Poses of a scene, as Python would hand them over.
 struct Stage {

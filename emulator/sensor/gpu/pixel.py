@@ -21,8 +21,7 @@ from evs.emulator.base.gpu.driver import DeviceMemory, Gpu, the_gpu
 from evs.emulator.sensor.parameters import ModelRequest, SensorParameters
 from evs.emulator.sensor.pixel import (
     BLOCK,
-    BLOCKS,
-    FRAMES,
+    STATE,
     PlainModel,
     PlainState,
     check_tick,
@@ -258,11 +257,7 @@ class DevicePattern:
             all_due=bool(now.all_due),
             row_reads=row_reads,
             row_read_count=0 if reads is None else len(reads),
-            crossings=scratch.slots.address,
-            crossing_room=scratch.crossings,
-            candidates=scratch.drawn.address,
-            candidate_room=scratch.candidates,
-            counts=scratch.counts.address,
+            room=scratch.block_room,
             out=self._argument,
         )
         return self._argument
@@ -303,6 +298,12 @@ class PixelScratch:
         """of each block there is room for"""
         self.make_blocks(TickCounts(0, BLOCK, 16, 0))
         self.make_room(LEAST_ROOM)
+
+    @property
+    def block_room(self) -> tuple[int, int, int, int, int]:
+        """Where blocks write what they find, and how much room each has: DevicePixels."""
+        found, drawn = self.slots.address, self.drawn.address
+        return found, self.crossings, drawn, self.candidates, self.counts.address
 
     def is_short(self, found: TickCounts) -> bool:
         """Whether a block had more than there was room for."""
@@ -395,8 +396,7 @@ def pixel_kernels(gpu: Gpu, terms: Mapping[str, int], many: bool = False) -> lis
 
 def most_state_bytes(pixels: int) -> int:
     """Bytes that the state of so many pixels has at most, laid out by base.gpu.arrays."""
-    sizes = [pixels * np.dtype(dtype).itemsize for dtype in FRAMES.values()]
-    sizes += len(BLOCKS) * [8 * -(-pixels // BLOCK)]
+    sizes = [np.dtype(a.dtype).itemsize * -(-pixels // a.pixels) for a in STATE]
     return sum(-(-size // ALIGNMENT) * ALIGNMENT for size in sizes)
 
 

@@ -118,14 +118,12 @@ def test_enough_to_load_says_nothing(
 def test_threads_that_the_system_refuses_are_a_lack_of_memory() -> None:
     program = (
         "from evs.emulator.base.memory_limits import address_space\n"
-        "import numpy as np\n"
-        "from evs.emulator._core import PixelArray, PixelSettings\n"
-        "settings = PixelSettings(log='linlog', exposure_dn=1.0, dark_dn=0.0,"
-        "  linlog_dn=20.0, log_eps=1.0)\n"
-        "theta = np.ones((4, 4), np.float32)\n"
+        "from evs.emulator.sensor import PlainModel, SensorParameters\n"
+        "model = PlainModel(SensorParameters('test', 4, 4, 0.2, 0.2), threads=64)\n"
+        "model.pattern(0)\n"
         "with address_space(30_000_000):\n"
         "    try:\n"
-        "        PixelArray(settings, 4, 4, theta_on=theta, theta_off=theta, threads=64)\n"
+        "        model.init(0)\n"
         "    except MemoryError:\n"
         "        print('refused')\n"
     )

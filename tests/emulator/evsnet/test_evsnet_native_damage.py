@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,6 @@ import pytest
 
 from evs.emulator import _core
 from evs.emulator.base.scene import F32
-from evs.emulator.evsnet import NetworkWeights
 from evs.emulator.evsnet.bilif import decay_tables
 from evs.emulator.evsnet.model import EvsNetModel
 from evs.emulator.evsnet.state import NetworkState
@@ -27,14 +27,14 @@ def film(ticks: int) -> F32:
     return np.exp(rng.normal(-1, 0.3, (ticks, HEIGHT, WIDTH))).astype(np.float32)
 
 
-def keywords(weights: NetworkWeights = WEIGHTS) -> dict[str, Any]:
+def keywords() -> dict[str, Any]:
     """What a NetworkArray of them is made of."""
-    decay = decay_tables(weights.tau_s, weights.tick_us)
+    decay = decay_tables(WEIGHTS.tau_s, WEIGHTS.tick_us)
     return {
-        "weights": np.concatenate([c.weight.ravel() for c in weights.convolutions]),
+        "weights": np.concatenate([c.weight.ravel() for c in WEIGHTS.convolutions]),
         "biases": np.zeros((5, 4), np.float32),
         "delays": np.zeros(2, np.int32),
-        "last": weights.last,
+        "last": WEIGHTS.last,
         "last_bias": 0.0,
         "v_on": 1.0,
         "v_off": 1.0,
@@ -44,8 +44,14 @@ def keywords(weights: NetworkWeights = WEIGHTS) -> dict[str, Any]:
         "exposure_dn": 255.0,
         "dark_dn": 0.0,
         "linlog_dn": 2.71828,
-        "tick_us": 1000,
     }
+
+
+def network(
+    width: int = WIDTH, height: int = HEIGHT, tick_us: int = 1000, isa: str = "auto", **change: Any
+) -> _core.NetworkArray:
+    parameters = SimpleNamespace(**{**keywords(), **change})
+    return _core.NetworkArray(width, height, parameters, tick_us=tick_us, isa=isa)
 
 
 @pytest.mark.parametrize(
@@ -73,25 +79,25 @@ def keywords(weights: NetworkWeights = WEIGHTS) -> dict[str, Any]:
 )
 def test_a_network_that_does_not_fit_together(change: dict[str, Any], says: str) -> None:
     with pytest.raises(ValueError, match=says):
-        _core.NetworkArray(WIDTH, HEIGHT, **{**keywords(), **change})
+        network(**change)
 
 
 @pytest.mark.parametrize("size", [(0, 4), (-1, 4), (4, -4), (32768, 1)])
 def test_sizes_that_are_none(size: tuple[int, int]) -> None:
     with pytest.raises(ValueError, match="width and height"):
-        _core.NetworkArray(*size, **keywords())
+        network(*size)
 
 
 @pytest.mark.parametrize("wrong", [np.zeros(3, np.float64), np.zeros((2, 2), np.float32), None])
 def test_arrays_of_another_kind(wrong: Any) -> None:
     with pytest.raises(TypeError):
-        _core.NetworkArray(WIDTH, HEIGHT, **{**keywords(), "last": wrong})
+        network(last=wrong)
 
 
 def step(change: dict[str, Any]) -> None:
     model = EvsNetModel(SENSOR, WEIGHTS)
     arrays = {name: array.copy() for name, array in model.init(0).arrays.items()}
-    core = _core.NetworkArray(WIDTH, HEIGHT, **keywords())
+    core = network()
 
     def grow(rows: int) -> F32:
         arrays["fifo"] = np.zeros((rows, core.row_floats), np.float32)

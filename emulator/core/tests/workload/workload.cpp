@@ -85,7 +85,6 @@ void render(const std::string& name, const std::string& isa, int ticks, Digest& 
 void pixels(const std::string& isa, int ticks, Digest& digest) {
   constexpr int kWidth = 128, kHeight = 96;
   constexpr size_t kPixels = static_cast<size_t>(kWidth) * kHeight;
-  constexpr size_t kBlocks = kPixels / kBlock;
   const std::vector<float> theta(kPixels, 0.2f), leak(kPixels, 0x1p-26f);
   PixelSettings settings;
   settings.map = LogMap::physical(255, 0.1f);
@@ -97,32 +96,17 @@ void pixels(const std::string& isa, int ticks, Digest& digest) {
   pattern.theta_on = pattern.theta_off = theta.data();
   pattern.leak = leak.data();
 
-  const float none = std::numeric_limits<float>::quiet_NaN();
-  std::vector<float> last_log(kPixels, none), last_light(kPixels, -1.0f), light(kPixels);
-  std::vector<float> filtered(kPixels), followed(kPixels), mean(kPixels), memory(kPixels);
-  std::vector<double> reference(kPixels, none), budget(kPixels);
-  std::vector<int64_t> blind(kPixels), due(kBlocks), since(kBlocks);
-  PixelArrays arrays;
-  arrays.reference = reference.data();
-  arrays.last_log = last_log.data();
-  arrays.last_luminance = last_light.data();
-  arrays.filtered = filtered.data();
-  arrays.followed = followed.data();
-  arrays.blind_until = blind.data();
-  arrays.noise_budget = budget.data();
-  arrays.noise_mean = mean.data();
-  arrays.noise_memory = memory.data();
-  arrays.due_us = due.data();
-  arrays.since_us = since.data();
-
+  std::vector<float> light(kPixels);
+  const PixelMemory memory(settings, pattern, kPixels);
+  const PixelArrays& arrays = memory.arrays;
   PixelArray sensor(settings, pattern, kWidth, kHeight, 1, isa);
   for (int tick = 0; tick < ticks; tick++) {
     film(light, kWidth, tick);
     size_t clamped = 0;
     digest.add(sensor.step(arrays, {light.data(), 1000 * tick, 1000}, 1000 * tick, clamped));
   }
-  digest.add(filtered);
-  digest.add(budget);
+  digest.add(arrays.filtered, kPixels * sizeof(float));
+  digest.add(arrays.noise_budget, kPixels * sizeof(double));
 }
 
 // EvSNet with 8 channels, every pixel in every tick.
