@@ -10,7 +10,7 @@ from evs.drivers.environments.event_env import EpisodeCameras, EventEnv
 from evs.drivers.environments.host_view import find_visual
 from evs.drivers.environments.physics import holds_environments, is_gymnasium
 from evs.emulator import EventCamera
-from evs.emulator.camera.camera_plan import free_name
+from evs.emulator.camera.camera import free_name
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.world import MjModel, Visual
 from evs.msgs import EvsError

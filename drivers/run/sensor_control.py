@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any, Protocol, runtime_checkable
 
-from evs.emulator.config import SensorConfig
+from evs.emulator.config import RunConfig
 from evs.emulator.config.declaration import declaration
 from evs.emulator.sensor import SensorParameters, describe_sensor
 from evs.msgs import EvsError, unknown
@@ -31,8 +31,8 @@ class AdjustableCamera(Protocol):
         """The sensor as it is now, resolved."""
 
     @property
-    def sensor_config(self) -> SensorConfig:
-        """What it is resolved from."""
+    def config(self) -> RunConfig:
+        """What it is made from; [sensor] is as it is now."""
 
     @property
     def adjustable(self) -> tuple[str, ...]:
@@ -136,5 +136,5 @@ def _biases(camera: AdjustableCamera) -> list[dict[str, Any]]:
             "unit": "",
             "text": f"bias of the chip, {bias.nominal} in the preset",
         }
-        for bias in describe_sensor(camera.sensor_config).biases
+        for bias in describe_sensor(camera.config.sensor).biases
     ]

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from evs.emulator.base.arrays import on_lines
+from evs.emulator.base.features import Switches
 from evs.emulator.base.protocols import Commit, DeviceRenderer, Meter, NoMeter, Renderer
 from evs.emulator.base.scene import F32, I32, CameraPose, GroundTruth, SceneModel, SceneSnapshot
 from evs.emulator.base.stamps import later_events
 from evs.emulator.camera.auxiliary_sensors import AuxiliarySensors
-from evs.emulator.camera.camera_plan import (
-    CameraPlan,
-    Viewpoint,
-    free_name,
-    identity_of,
-    plain_plan,
-)
 from evs.emulator.camera.cover import covered_by, may_be_covered
 from evs.emulator.camera.pixel_pipeline import DoneTick, LentPixels, PixelPipeline
 from evs.emulator.camera.scene_plan import ScenePlan, is_unlit, plan_scene
-from evs.emulator.config import SceneConfig, SensorConfig
+from evs.emulator.camera.view import SceneView, Viewpoint
+from evs.emulator.config import PlanConfig, RunConfig, SensorConfig
 from evs.emulator.config.settings import plain_config, with_keys
 from evs.emulator.optics import camera_info
 from evs.emulator.optics.camera_info import pose_message
@@ -32,7 +27,7 @@ from evs.emulator.render.native import LentRenderer, NativeRenderer
 from evs.emulator.sensor import SensorParameters, completed, preset_biases, resolve_sensor
 from evs.emulator.state import Saved, joined, number, numbers, part
 from evs.emulator.state.versions import versions
-from evs.emulator.world import BoundCamera, MjModel, object_classes, warn_left_out
+from evs.emulator.world import MjModel, object_classes, warn_left_out
 from evs.msgs import (
     EventPacket,
     Events,
@@ -73,19 +68,19 @@ class LentCamera(NamedTuple):
     """what it sees from"""
 
 
-class Camera:
+_OWN_KEYS = ("scene", "sensor", "render", "model", "name", "seed", "threads", "plan", "camera")
+"""of RunConfig, in the header of a camera that is one of several: all but the duration"""
+
+
+class Camera(SceneView):
     """Renders what it sees of each snapshot and turns the change of light into events.
 
     `start` sets the reference, then every `observe` gives the packet of the time since the last;
     with model.chunk over 1 none while the chunk fills, then those of all its ticks.
     """
 
-    sensor: SensorParameters
-    """with every value of its preset"""
     _seen_from: Viewpoint
     """whose light the last instant was"""
-    _now: tuple[SceneSnapshot, CameraPose] | None
-    _previous: tuple[SceneSnapshot, CameraPose] | None
     _class_of_geom: I32 | None = None
     rebuilt: dict[str, int]
     """how often its scene was built again since it was made, as the model was edited, and of that
@@ -97,66 +92,56 @@ class Camera:
         self,
         world: MjModel,
         scene: SceneModel,
-        plan: CameraPlan,
+        config: RunConfig,
+        name: str | None,
         *,
         place: int = 0,
-        tick_us: int = 1000,
         taken: tuple[str, ...] = (),
-        scene_config: SceneConfig | None = None,
-        config: dict[str, Any] | None = None,
+        whole: bool = False,
         meter: Meter | None = None,
         like: Camera | None = None,
     ) -> None:
         """Build the stages.
 
         Args:
-            world: The model.
-            scene: What is extracted from it.
-            plan: Everything that makes the camera besides its world.
-            place: Which of a snapshot's cameras this is.
-            tick_us: Length of a tick, us.
+            world: See SceneView.
+            scene: See SceneView.
+            config: See SceneView.
+            name: Its name on the bus and in recordings; None: after the model's camera or the body.
+            place: See SceneView.
             taken: Names that are not free.
-            scene_config: [scene], for the header of the stream.
-            config: The run's whole configuration, if there is one beyond the plan.
+            whole: Whether it is the one camera of a pipeline, whose header has all of `config`.
             meter: Measures how long each stage takes.
-            like: A camera in a world of the same model, whose meshes, trees and images it shares.
+            like: See SceneView.
 
         Raises:
-            EvsError: The plan makes no sense in this world.
+            EvsError: The configuration makes no sense in this world.
         """
-        self._plan, self.place, self._meter = plan, place, meter or NoMeter()
-        self._tracing = Lock()
-        self.sensor = sensor = resolve_sensor(plan.sensor)
-        switches = plan.switches
-        self._size = (int(sensor.width), int(sensor.height))
-        self._tick_us, self._world = tick_us, world
-        self.left_out = ()
+        self._meter, self._tracing = meter or NoMeter(), Lock()
+        self._tick_us = config.scene.tick_us
+        super().__init__(world, scene, config, place, like=like)
         # cameras of twins see the same
         self._checked_cover = like is not None
-        shared = like._renderer if like else None
-        self._stand(plan.stand(world, scene, *self._size, like=shared))
+        self.left_out = ()
+        self._stand(self._viewpoint)
         self.rebuilt = dict.fromkeys(("scenes", "meshes", "textures"), 0)
-        settings = (plan.seed, plan.threads, plan.render.noisy_samples)
-        self._pixels = PixelPipeline(sensor, plan.model, *settings, switches, plan.render.isa)
-        name = free_name(plan.name, self.bound.name, taken)
-        scene_config = scene_config or SceneConfig(tick_us=tick_us)
-        self._start_us = scene_config.start_us
+        sensor, name = self.sensor, free_name(name, self.bound.name, taken)
+        self._pixels = PixelPipeline(sensor, config.model, config.seed, *self._pixel_settings)
         self._marks_causes = self._pixels.features.get("causes", False)
-        self._auxiliary = AuxiliarySensors(sensor, name, switches, self._start_us)
-        self._traces_truth = switches.decide("ground_truth", plan.model.labels)
-        if config is None:
-            scene_table = asdict(replace(scene_config, camera=plan.camera))
-            config = {"scene": scene_table, **plain_plan(replace(plan, name=name))}
-        config = {**config, "sensor": completed(config["sensor"], sensor)}
+        self._auxiliary = AuxiliarySensors(sensor, name, self._switches, self._start_us)
+        self._traces_truth = self._switches.decide("ground_truth", config.model.labels)
+        plain = {**asdict(config), "name": name}
+        plain["sensor"] = completed(plain["sensor"], sensor)
+        keys = [field.name for field in fields(RunConfig)] if whole else _OWN_KEYS
         self._info = StreamInfo(
-            width=self._size[0],
-            height=self._size[1],
+            width=self.width,
+            height=self.height,
             camera=name,
             sensor=str(sensor.name),
-            tick_us=tick_us,
-            seed=plan.seed,
+            tick_us=self._tick_us,
+            seed=config.seed,
             versions={**versions(), **self._pixels.versions},
-            config=config,
+            config={key: plain[key] for key in keys},
             camera_info=camera_info(self.bound.model),
             frames=sensor.aps.enabled,
             imu=sensor.imu.enabled,
@@ -196,8 +181,8 @@ class Camera:
             sensor = SensorConfig(preset=sensor)
         if not isinstance(sensor, SensorConfig | None):
             raise EvsError(f"sensor= takes a name or a SensorConfig, not {sensor!r}")
-        if sensor is not None and sensor != self._plan.sensor:
-            exchange = self._prepare_sensor(sensor, self._plan.seed if seed is None else seed)
+        if sensor is not None and sensor != self.config.sensor:
+            exchange = self._prepare_sensor(sensor, self.config.seed if seed is None else seed)
 
         def commit() -> None:
             if exchange is not None:
@@ -210,13 +195,12 @@ class Camera:
 
     def _prepare_sensor(self, sensor: SensorConfig, seed: int) -> Commit:
         """Make everything that depends on the sensor, which is not the light."""
-        plan = replace(self._plan, sensor=plain_config(sensor, "sensor"))
-        made = resolve_sensor(plan.sensor)
-        if (made.width, made.height) != self._size:
-            size = f"{self._size[0]} x {self._size[1]}"
+        config = replace(self.config, sensor=plain_config(sensor, "sensor"))
+        made = resolve_sensor(config.sensor)
+        if (made.width, made.height) != (self.width, self.height):
             raise EvsError(
-                f"a sensor of {made.width} x {made.height} px for a camera of {size}: make another "
-                "camera"
+                f"a sensor of {made.width} x {made.height} px for a camera of {self.width} x "
+                f"{self.height}: make another camera"
             )
         for stream in ("aps", "imu"):
             if getattr(made, stream).enabled != getattr(self.sensor, stream).enabled:
@@ -224,21 +208,29 @@ class Camera:
                     f"sensor.{stream}.enabled would change in a reset; leave it, or make another "
                     "camera"
                 )
-        settings = (seed, plan.threads, plan.render.noisy_samples)
-        pixels = PixelPipeline(made, plan.model, *settings, plan.switches, plan.render.isa)
-        auxiliary = AuxiliarySensors(made, self.name, plan.switches, self._start_us)
+        pixels = PixelPipeline(made, config.model, seed, *self._pixel_settings)
+        auxiliary = AuxiliarySensors(made, self.name, self._switches, self._start_us)
 
         def commit() -> None:
-            self._plan, self.sensor, self._pixels, self._auxiliary = plan, made, pixels, auxiliary
+            self._pixels, self._auxiliary = pixels, auxiliary
             self._marks_causes = pixels.features.get("causes", False)
-            self._info = replace(
-                self._info,
-                sensor=str(made.name),
-                config={**self._info.config, "sensor": completed(asdict(plan.sensor), made)},
-                latency_us=self._latency_us(pixels),
-            )
+            self._take_sensor(config, made)
+            latency_us = self._latency_us(pixels)
+            self._info = replace(self._info, sensor=str(made.name), latency_us=latency_us)
 
         return commit
+
+    @property
+    def _pixel_settings(self) -> tuple[int, int, Switches, str]:
+        """Arguments of PixelPipeline."""
+        render = self.config.render
+        return self.config.threads, render.noisy_samples, self._switches, render.isa
+
+    def _take_sensor(self, config: RunConfig, made: SensorParameters) -> None:
+        """Have another sensor in the configuration and in the header."""
+        self.config, self.sensor = config, made
+        table = completed(asdict(config.sensor), made)
+        self._info = replace(self._info, config={**self._info.config, "sensor": table})
 
     def adjust(self, **keys: object) -> None:
         """Change parameters of the sensor while it runs, from the next tick on.
@@ -258,31 +250,24 @@ class Camera:
         for key in keys:
             if key not in known:
                 raise unknown("parameter that changes while a camera runs", key, known)
-        sensor = with_keys(self._plan.sensor, keys, "sensor")
+        sensor = with_keys(self.config.sensor, keys, "sensor")
         made = resolve_sensor(sensor)
         self._pixels.adjust(made)
-        self._plan, self.sensor = replace(self._plan, sensor=sensor), made
-        config = {**self._info.config, "sensor": completed(asdict(sensor), made)}
-        self._info = replace(self._info, config=config)
+        self._take_sensor(replace(self.config, sensor=sensor), made)
 
     @property
     def adjustable(self) -> tuple[str, ...]:
         """Keys of [sensor] that `adjust` takes: those of the event model, and the chip's biases."""
-        biases = preset_biases(self._plan.sensor.preset)
+        biases = preset_biases(self.config.sensor.preset)
         names = () if biases is None else biases.values
         return (*self._pixels.adjustable, *(f"biases.{name}" for name in names))
 
-    @property
-    def sensor_config(self) -> SensorConfig:
-        """[sensor] as it is now: `sensor` is what it resolves to."""
-        return self._plan.sensor
-
     def _latency_us(self, pixels: PixelPipeline) -> int:
-        return pixels.latency_us + round(self._plan.render.delay_ticks * self._tick_us)
+        return pixels.latency_us + round(self.config.render.delay_ticks * self._tick_us)
 
     def _forget(self) -> None:
         """Forget everything seen."""
-        seed = self._plan.seed
+        seed = self.config.seed
         self._renderer.restart()
         self._pixels.reset(seed)
         self._auxiliary.reset(seed)
@@ -294,7 +279,7 @@ class Camera:
         self.events = 0
 
     def _reseed(self, seed: int) -> None:
-        self._plan = replace(self._plan, seed=seed)
+        self.config = replace(self.config, seed=seed)
         self._renderer.reseed(seed)
         # a world of one pipeline has the run's whole configuration there, seed included
         config = {**self._info.config, "seed": seed}
@@ -349,11 +334,6 @@ class Camera:
 
         return commit
 
-    @property
-    def plan_of_it(self) -> CameraPlan:
-        """Everything that makes it besides its world."""
-        return self._plan
-
     def lend(self) -> LentCamera | str:
         """What steps in its place, with the same bytes, in a batch; or why it cannot.
 
@@ -404,7 +384,16 @@ class Camera:
     @property
     def identity(self) -> dict[str, Any]:
         """What shapes its events, seed aside, in plain values: where a saved state belongs."""
-        return {**identity_of(self._plan, self._info.config), **self._pixels.versions}
+        plain = self._info.config
+        tables = {key: dict(plain[key]) for key in ("camera", "sensor", "render", "model")}
+        # the same bytes
+        for key in ("isa", "incremental", "device"):
+            del tables["render"][key]
+        del tables["model"]["device"]
+        if self.config.plan != PlanConfig():
+            # the same events of other arrays
+            tables["plan"] = asdict(self.config.plan)
+        return {"of": self.config.scene.camera, **tables, **self._pixels.versions}
 
     def prepare_refresh(self, scene: SceneModel) -> Commit:
         """Build what sees the edited world; the commit puts it in place.
@@ -414,7 +403,7 @@ class Camera:
         Raises:
             EvsError: The edited world cannot be shown.
         """
-        viewpoint = self._plan.stand(self._world, scene, *self._size, before=self._viewpoint)
+        viewpoint = self._viewpoint_in(scene, self._viewpoint)
 
         def commit() -> None:
             if viewpoint.renderer is not self._renderer:
@@ -428,13 +417,9 @@ class Camera:
 
         return commit
 
-    def part(self, world: MjModel) -> None:
-        """Go on with a copy of the model, which is the same."""
-        self._world = world
-
     def _class_names(self) -> list[str]:
         """Divide the world into classes, if events are labelled with them."""
-        model = self._plan.model
+        model = self.config.model
         if not model.labels:
             if model.classes:
                 raise EvsError("model.classes are classes of labels: add model.labels=true")
@@ -446,19 +431,14 @@ class Camera:
         self._viewpoint = viewpoint
         self._stays: F32 | None = None
         self._renders_on_device = isinstance(viewpoint.renderer, DeviceRenderer)
-        self._unlit = is_unlit(viewpoint.scene, self._plan.render)
-        lines = flicker_warnings(viewpoint.scene.lights, self._plan.render, self._tick_us)
+        self._unlit = is_unlit(viewpoint.scene, self.config.render)
+        lines = flicker_warnings(viewpoint.scene.lights, self.config.render, self._tick_us)
         warn_left_out([line for line in lines if line not in self.left_out])
         self.left_out = lines
 
     @property
     def _renderer(self) -> Renderer:
         return self._viewpoint.renderer
-
-    @property
-    def bound(self) -> BoundCamera:
-        """The model's camera, or what describes it, with its optics."""
-        return self._viewpoint.bound
 
     @property
     def started(self) -> bool:
@@ -471,7 +451,7 @@ class Camera:
         With fresh noise a network sees this light for the ticks of its window before: it has to
         know the noise, else the first ticks are full of it.
         """
-        ticks = self._pixels.warm_up_ticks if self._plan.render.seeds == "fresh" else 0
+        ticks = self._pixels.warm_up_ticks if self.config.render.seeds == "fresh" else 0
         if ticks:
             self._warm_up(snapshot, ticks)
         # the first tick has no events, so it may begin anywhere before its end
@@ -534,7 +514,7 @@ class Camera:
         if self._pixels.on_device and isinstance(self._renderer, DeviceRenderer):
             light: F32 = self._renderer.device_light()
             return light
-        return on_lines(np.zeros(self._size[::-1], np.float32))
+        return on_lines(np.zeros((self.height, self.width), np.float32))
 
     def _own_buffer(self) -> F32 | None:
         """Memory for its light that stays on the GPU; None: it does not."""
@@ -566,7 +546,7 @@ class Camera:
         return tuple([self._packet(tick) for tick in ticks])
 
     def _packet(self, tick: DoneTick) -> EventPacket:
-        labelled = self._plan.model.labels and self._traces_truth
+        labelled = self.config.model.labels and self._traces_truth
         if not labelled and self._marks_causes:
             clear_causes(tick.events)
         events = later_events(tick.events, self._start_us)
@@ -574,8 +554,8 @@ class Camera:
             seq=self._seq,
             time_base_us=tick.begin_us + self._start_us,
             time_end_us=tick.end_us + self._start_us,
-            width=self._size[0],
-            height=self._size[1],
+            width=self.width,
+            height=self.height,
             events=events,
             camera=self._info.camera,
             labels=self._labels_of(events) if labelled else None,
@@ -596,7 +576,7 @@ class Camera:
         self._luminance, self._traced = frame.luminance, frame.traced_fraction
         ticks = self._pixels.see(frame.luminance, begin_us, snapshot.t_us)
         self._auxiliary.step(frame.luminance, pose, self._world, begin_us, snapshot.t_us)
-        if self._traces_truth and not self._plan.model.labels:
+        if self._traces_truth and not self.config.model.labels:
             # [plan] alone requests it: nobody uses it
             self.ground_truth()
         self._t_us = snapshot.t_us
@@ -657,7 +637,7 @@ class Camera:
     @property
     def chunk(self) -> int:
         """Ticks whose packets leave together."""
-        return self._plan.model.chunk
+        return self.config.model.chunk
 
     @property
     def name(self) -> str:
@@ -668,7 +648,7 @@ class Camera:
     def luminance(self) -> F32:
         """(h, w) float32 linear luminance of the last tick, a copy; zeros before the first."""
         if self._luminance is None:
-            return np.zeros(self._size[::-1], np.float32)
+            return np.zeros((self.height, self.width), np.float32)
         return np.array(self._luminance, np.float32)
 
     @property
@@ -708,4 +688,16 @@ class Camera:
     def plan(self) -> ScenePlan:
         """What its scene contains, which code paths are on, and why; worked out at each call."""
         there = self._world, self._viewpoint.scene, self.bound, self.sensor
-        return plan_scene(*there, self._plan, self.features)
+        return plan_scene(*there, self.config, self._switches, self.features)
+
+
+def free_name(wanted: str | None, usual: str, taken: tuple[str, ...]) -> str:
+    """A camera's name: the wanted one, else the usual one, numbered where it is taken."""
+    if wanted is not None:
+        if not wanted or not wanted.isprintable() or wanted in taken:
+            raise EvsError(f"a camera called {wanted!r}: give each its own, printable name")
+        return wanted
+    number = 1
+    while (name := usual if number == 1 else f"{usual}_{number}") in taken:
+        number += 1
+    return name

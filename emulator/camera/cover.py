@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from evs.emulator.base.scene import CameraPose, GroundTruth, SceneSnapshot
-from evs.emulator.camera.camera_plan import Viewpoint
+from evs.emulator.camera.view import Viewpoint
 from evs.emulator.world import MjModel, geom_label
 
 NEAR_M, NEAR_EXTENTS = 0.05, 0.05

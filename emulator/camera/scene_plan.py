@@ -9,20 +9,17 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from evs.emulator.base.features import FEATURES, Feature
+from evs.emulator.base.features import FEATURES, Feature, Switches
 from evs.emulator.base.scene import Light, ObjectKind, SceneModel, Shape
-from evs.emulator.config import ModelConfig, RenderConfig
+from evs.emulator.config import ModelConfig, RenderConfig, RunConfig
 from evs.emulator.render.registry import RENDERERS
 from evs.emulator.sensor import SensorParameters
 from evs.emulator.sensor.terms import TERMS
 from evs.emulator.world import BoundCamera, MjModel, Mobility, mobility_of
-
-if TYPE_CHECKING:
-    from evs.emulator.camera.camera_plan import CameraPlan
 
 FORCED_ON = "[plan] has it on, whether the scene needs it or not"
 FORCED_OFF = "[plan] leaves it out, whether the scene needs it or not"
@@ -76,7 +73,8 @@ def plan_scene(
     scene: SceneModel,
     bound: BoundCamera,
     sensor: SensorParameters,
-    plan: CameraPlan,
+    config: RunConfig,
+    switches: Switches,
     features: Mapping[str, bool],
 ) -> ScenePlan:
     """Make the plan of a camera.
@@ -86,10 +84,11 @@ def plan_scene(
         scene: What is extracted from it.
         bound: The camera.
         sensor: The sensor, resolved.
-        plan: Everything that makes the camera.
+        config: Everything that makes the camera.
+        switches: Code paths that are forced on or off.
         features: Which code paths it runs.
     """
-    render, model, switches = plan.render, plan.model, plan.switches
+    render, model = config.render, config.model
     has, mobility = contents_of(scene, render), mobility_of(world, bound)
     why = reasons(has, mobility, sensor, render, model)
     decisions = []
@@ -104,7 +103,7 @@ def plan_scene(
         elif feature.name in switches.on:
             reason = CANNOT
         decisions.append(Decision(feature, on, reason, forced))
-    view = _view(bound, plan)
+    view = _view(bound, config)
     if RENDERERS[render.renderer].traced:
         packets = -(-view["width"] // PACKET_SIDE) * -(-view["height"] // PACKET_SIDE)
         view["camera_rays"] = packets * PACKET_SIDE**2 * render.samples
@@ -112,9 +111,9 @@ def plan_scene(
     return ScenePlan(has, mobility, view, tuple(decisions))
 
 
-def _view(bound: BoundCamera, plan: CameraPlan) -> dict[str, Any]:
+def _view(bound: BoundCamera, config: RunConfig) -> dict[str, Any]:
     """Optics, renderer and model of a view."""
-    camera, render = bound.model, plan.render
+    camera, render = bound.model, config.render
     view = {
         "width": camera.width,
         "height": camera.height,
@@ -123,7 +122,7 @@ def _view(bound: BoundCamera, plan: CameraPlan) -> dict[str, Any]:
         "renderer": render.renderer,
         "samples": render.samples,
         "antialiasing": render.antialiasing,
-        "model": plan.model.name,
+        "model": config.model.name,
     }
     if RENDERERS[render.renderer].bounces:
         view["bounces"] = render.bounces

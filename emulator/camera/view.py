@@ -1,62 +1,180 @@
-"""View: what one camera sees of a world, without pixels and events: light and ground truth."""
+"""What one camera sees of a world: SceneView, shared by Camera and View; View: no events."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from evs.emulator.base.protocols import Commit
-from evs.emulator.base.scene import F32, CameraPose, GroundTruth, SceneModel, SceneSnapshot
-from evs.emulator.camera.camera_plan import CameraPlan
+from evs.emulator.base.features import Switches
+from evs.emulator.base.protocols import Commit, Renderer
+from evs.emulator.base.scene import (
+    F32,
+    CameraPose,
+    GroundTruth,
+    ObjectKind,
+    SceneModel,
+    SceneSnapshot,
+)
+from evs.emulator.base.stamps import check_start
+from evs.emulator.config import (
+    CameraConfig,
+    ModelConfig,
+    RenderConfig,
+    RunConfig,
+    SceneConfig,
+    SensorConfig,
+)
+from evs.emulator.config.settings import plain_config, plain_integer
 from evs.emulator.optics import camera_info
 from evs.emulator.optics.camera_info import pose_message
+from evs.emulator.render import make_renderer
 from evs.emulator.sensor import resolve_sensor
-from evs.emulator.world import BoundCamera, MjModel
-from evs.msgs import Pose
+from evs.emulator.world import BoundCamera, MjModel, bind_camera
+from evs.msgs import EvsError, Pose
 
 
-class View:
-    """The light and the ground truth of a world's present, each computed on request."""
+def camera_config(
+    scene: SceneConfig,
+    camera: str | CameraConfig,
+    sensor: str | SensorConfig,
+    render: RenderConfig | None,
+    model: ModelConfig | None,
+    seed: int,
+    threads: int,
+) -> RunConfig:
+    """The configuration of a camera from what the Python face takes: names or configurations."""
+    for what, value, kind in (("camera", camera, CameraConfig), ("sensor", sensor, SensorConfig)):
+        if not isinstance(value, str | kind):
+            raise EvsError(f"{what}= takes a name or a {kind.__name__}, not {value!r}")
+    if not isinstance(render, RenderConfig | None):
+        raise EvsError(f"render= takes a RenderConfig, not {render!r}")
+    if not isinstance(model, ModelConfig | None):
+        raise EvsError(f"model= takes a ModelConfig, not {model!r}")
+    optics = CameraConfig() if isinstance(camera, str) else camera
+    pixel = SensorConfig(preset=sensor) if isinstance(sensor, str) else sensor
+    return RunConfig(
+        scene=replace(scene, camera=camera if isinstance(camera, str) else ""),
+        camera=plain_config(optics, "camera"),
+        sensor=plain_config(pixel, "sensor"),
+        render=plain_config(render or RenderConfig(), "render"),
+        model=plain_config(model or ModelConfig(), "model"),
+        seed=plain_integer(seed, "seed"),
+        threads=plain_integer(threads, "threads"),
+    )
+
+
+class Viewpoint(NamedTuple):
+    """A camera in its place, and what renders what it sees. Another one where the scene is."""
+
+    bound: BoundCamera
+    scene: SceneModel
+    renderer: Renderer
+
+    def follows(self, other: Viewpoint) -> bool:
+        """Whether a snapshot for `other` has the same geoms, so that their motion can be seen."""
+        ours, theirs = self.scene, other.scene
+        return ours is theirs or (
+            np.array_equal(ours.geom_id, theirs.geom_id) and ours.deforming == theirs.deforming
+        )
+
+
+class SceneView:
+    """A camera in a world, with its renderer."""
+
+    _viewpoint: Viewpoint
 
     def __init__(
         self,
         world: MjModel,
         scene: SceneModel,
-        plan: CameraPlan,
+        config: RunConfig,
         place: int,
-        present: Callable[[], SceneSnapshot],
         rgb: bool = False,
-        start_us: int = 0,
+        like: SceneView | None = None,
     ) -> None:
         """Build the renderer.
 
         Args:
             world: The model.
             scene: What is extracted from it.
-            plan: Everything that makes the camera besides its world.
+            config: Everything that makes the camera besides its world.
             place: Which of a snapshot's cameras this is.
-            present: Takes a snapshot.
             rgb: Whether colour is wanted too.
-            start_us: What stamps begin at, us.
+            like: A camera in a world of the same model, whose meshes, trees and images it shares.
 
         Raises:
-            EvsError: The plan makes no sense in this world.
+            EvsError: The configuration makes no sense in this world.
         """
-        sensor = resolve_sensor(plan.sensor)
-        self.width, self.height = int(sensor.width), int(sensor.height)
-        self._plan, self._world, self._rgb = plan, world, rgb
-        self._viewpoint = plan.stand(world, scene, self.width, self.height, rgb)
-        self.place, self._present, self._start_us = place, present, start_us
+        self.config, self.place = config, place
+        self.sensor = resolve_sensor(config.sensor)
+        """with every value of its preset"""
+        self.width, self.height = int(self.sensor.width), int(self.sensor.height)
+        self._world, self._rgb = world, rgb
+        self._start_us = check_start(int(config.scene.start_us))
+        self._switches = Switches.of(config.plan)
         self._now: tuple[SceneSnapshot, CameraPose] | None = None
         self._previous: tuple[SceneSnapshot, CameraPose] | None = None
+        shared = like._viewpoint.renderer if like else None
+        self._viewpoint = self._viewpoint_in(scene, None, shared)
+
+    def _viewpoint_in(
+        self, scene: SceneModel, before: Viewpoint | None, like: Renderer | None = None
+    ) -> Viewpoint:
+        """Where it stands in a scene; what has not changed since `before` is reused."""
+        name, optics, render = self.config.scene.camera, self.config.camera, self.config.render
+        shown = scene.geom_id[scene.geom_kind == ObjectKind.GEOM]
+        bound = bind_camera(self._world, name, self.width, self.height, optics, shown)
+        if before and scene is before.scene and bound.model == before.bound.model:
+            return Viewpoint(bound, scene, before.renderer)
+        settings = (render, self.config.threads, self._rgb, self.config.seed, self._switches)
+        like = before.renderer if before else like
+        return Viewpoint(bound, scene, make_renderer(scene, bound.model, *settings, like))
+
+    def part(self, world: MjModel) -> None:
+        """Go on with a copy of the model, which is the same."""
+        self._world = world
+
+    @property
+    def bound(self) -> BoundCamera:
+        """The model's camera, or what describes it, with its optics."""
+        return self._viewpoint.bound
+
+
+class View(SceneView):
+    """The light and the ground truth of a world's present, each computed on request."""
+
+    def __init__(
+        self,
+        world: MjModel,
+        scene: SceneModel,
+        config: RunConfig,
+        place: int,
+        rgb: bool,
+        present: Callable[[], SceneSnapshot],
+    ) -> None:
+        """Build the renderer.
+
+        Args:
+            world: See SceneView.
+            scene: See SceneView.
+            config: See SceneView.
+            place: See SceneView.
+            rgb: See SceneView.
+            present: Takes a snapshot.
+
+        Raises:
+            EvsError: See SceneView.
+        """
+        super().__init__(world, scene, config, place, rgb)
+        self._present = present
 
     def prepare_refresh(self, scene: SceneModel) -> Commit:
         """Builds what sees the edited world; the commit puts it in place. Raises EvsError."""
-        size, before = (self.width, self.height), self._viewpoint
-        viewpoint = self._plan.stand(self._world, scene, *size, self._rgb, before)
+        before = self._viewpoint
+        viewpoint = self._viewpoint_in(scene, before)
 
         def commit() -> None:
             self._viewpoint = viewpoint
@@ -65,14 +183,10 @@ class View:
 
         return commit
 
-    def part(self, world: MjModel) -> None:
-        """Go on with a copy of the model, which is the same."""
-        self._world = world
-
     def reset(self, seed: int | None = None) -> None:
         """Forget the instants seen: the world has begun again, perhaps with another seed."""
         if seed is not None:
-            self._plan = replace(self._plan, seed=seed)
+            self.config = replace(self.config, seed=seed)
             self._viewpoint.renderer.reseed(seed)
         self._now = self._previous = None
 
@@ -118,11 +232,6 @@ class View:
     def pose(self) -> Pose:
         """Where the camera is at that instant; numbered 0."""
         return pose_message(self._instant()[1], 0, self.t_us, self.name)
-
-    @property
-    def bound(self) -> BoundCamera:
-        """The model's camera, or what describes it, with its optics."""
-        return self._viewpoint.bound
 
     @property
     def name(self) -> str:

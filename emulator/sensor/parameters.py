@@ -243,7 +243,7 @@ class SensorParameters(PixelKeys[Never], _Named):
 
 @dataclass(frozen=True)
 class ModelRequest:
-    """The arguments of camera.event_models.make_event_model, for the function in a row."""
+    """The arguments of camera.pixel_pipeline.make_event_model, for the function in a row."""
 
     sensor: SensorParameters
     model: ModelConfig

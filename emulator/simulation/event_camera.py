@@ -11,7 +11,7 @@ import numpy as np
 from evs.emulator.base.protocols import Commit
 from evs.emulator.base.scene import F32, GroundTruth
 from evs.emulator.camera.camera import Camera
-from evs.emulator.camera.camera_plan import plan_camera
+from evs.emulator.camera.view import camera_config
 from evs.emulator.config import (
     CameraConfig,
     ModelConfig,
@@ -109,19 +109,17 @@ class EventCamera(Resumable):
                 "robosuite: env.sim.model._model"
             )
         self._model = model
-        plan = plan_camera(camera, sensor, render, model_config, name, seed, threads)
-        if plan.model.chunk > 1:
-            raise EvsError(
-                f"model.chunk is {plan.model.chunk}, but an EventCamera gives its events at once: "
-                "leave it 1"
-            )
         tick_us = max(1, round(model.opt.timestep * 1e6))
         self._visual = resolve_visual(visual)
-        self._scene, self._digest = LiveScene(model, self._visual), ModelDigest(model)
         settings = SceneConfig(tick_us=tick_us, visual=self._visual)
-        self._camera = Camera(
-            model, self._scene.scene, plan, tick_us=tick_us, scene_config=settings
-        )
+        config = camera_config(settings, camera, sensor, render, model_config, seed, threads)
+        if config.model.chunk > 1:
+            raise EvsError(
+                f"model.chunk is {config.model.chunk}, but an EventCamera gives its events at "
+                "once: leave it 1"
+            )
+        self._scene, self._digest = LiveScene(model, self._visual), ModelDigest(model)
+        self._camera = Camera(model, self._scene.scene, config, name)
         self._tick_us = tick_us
         self._t_us: int | None = None
         self._taker = SnapshotTaker(model, [self._camera.bound], self._visual)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 from weakref import ref
@@ -18,8 +18,7 @@ from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.base.scene import F64, SceneModel, SceneSnapshot
 from evs.emulator.base.stamps import check_start
 from evs.emulator.camera.camera import Camera
-from evs.emulator.camera.camera_plan import CameraPlan, plan_camera, plan_of
-from evs.emulator.camera.view import View
+from evs.emulator.camera.view import View, camera_config
 from evs.emulator.config import (
     CameraConfig,
     ModelConfig,
@@ -152,8 +151,7 @@ class World(Resumable):
         Headers have the keys of RunConfig, and none of a subclass.
         """
         world = cls(config.scene, seed=config.seed, threads=config.threads, meter=meter)
-        plain = asdict(config)
-        world._add(plan_of(config), {field.name: plain[field.name] for field in fields(RunConfig)})
+        world._add(config, config.name, whole=True)
         return world
 
     def twin(self) -> World:
@@ -200,14 +198,14 @@ class World(Resumable):
 
     def add_like(self, camera: Camera) -> Camera:
         """Add the camera of a twin, with a seed of its own, on this world's clock."""
-        plan = replace(camera.plan_of_it, seed=self._seed + len(self._cameras))
-        return self._add(plan, None, camera)
+        config = replace(camera.config, seed=self._seed + len(self._cameras))
+        return self._add(config, camera.name, like=camera)
 
     @classmethod
     def with_view(cls, config: RunConfig, rgb: bool = False) -> tuple[World, View]:
         """The world of a pipeline, and what its camera would see: no pixels, no events."""
         world = cls(config.scene, seed=config.seed, threads=config.threads)
-        return world, world._add_view(plan_of(config), rgb)
+        return world, world._add_view(config, rgb)
 
     def add_camera(
         self,
@@ -236,25 +234,28 @@ class World(Resumable):
         Raises:
             EvsError: No such camera or preset, or a configuration that makes no sense.
         """
-        seed = self._seed + len(self._cameras)
-        camera = self._scene_config.camera if camera == "" else camera
-        return self._add(
-            plan_camera(camera, sensor, render, model, name, seed, self._threads), None
-        )
+        scene, seed = self._scene_config, self._seed + len(self._cameras)
+        camera = scene.camera if camera == "" else camera
+        own = camera_config(scene, camera, sensor, render, model, seed, self._threads)
+        return self._add(own, name)
 
     def _add(
-        self, plan: CameraPlan, config: dict[str, Any] | None, like: Camera | None = None
+        self,
+        config: RunConfig,
+        name: str | None,
+        *,
+        whole: bool = False,
+        like: Camera | None = None,
     ) -> Camera:
         self._see_edits()
         camera = Camera(
             self.model,
             self._scene.scene,
-            plan,
+            config,
+            name,
             place=len(self._bounds),
-            tick_us=self.substeps.tick_us,
             taken=tuple(other.name for other in self._cameras),
-            scene_config=self._scene_config,
-            config=config,
+            whole=whole,
             meter=self._meter,
             like=like,
         )
@@ -284,13 +285,15 @@ class World(Resumable):
         Raises:
             EvsError: See `add_camera`.
         """
-        plan = plan_camera(camera, sensor, render, None, None, self._seed, self._threads)
-        return self._add_view(plan, rgb)
+        scene, seed, threads = self._scene_config, self._seed, self._threads
+        return self._add_view(
+            camera_config(scene, camera, sensor, render, None, seed, threads), rgb
+        )
 
-    def _add_view(self, plan: CameraPlan, rgb: bool) -> View:
+    def _add_view(self, config: RunConfig, rgb: bool) -> View:
         self._see_edits()
         place, scene = len(self._bounds), self._scene.scene
-        view = View(self.model, scene, plan, place, self._snapshot, rgb, self._start_us)
+        view = View(self.model, scene, config, place, rgb, self._snapshot)
         self._pose(view.bound)
         self._view_refs.append(ref(view))
         return view

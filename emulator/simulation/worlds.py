@@ -327,7 +327,7 @@ class Worlds:
         """Whether worlds may be stepped by several threads of Python."""
         first = self._worlds[0]
         # OpenGL belongs to a thread, and a control function of the caller's knows of none
-        traced = all(RENDERERS[one.plan_of_it.render.renderer].traced for one in first.cameras)
+        traced = all(RENDERERS[one.config.render.renderer].traced for one in first.cameras)
         return self._side_by_side and traced and not first.control.needs_data
 
     def _measure(self, worlds: Iterable[int]) -> None:

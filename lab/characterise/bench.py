@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.protocols import EventModel
-from evs.emulator.camera.event_models import make_event_model
+from evs.emulator.camera.pixel_pipeline import make_event_model
 from evs.emulator.config import ModelConfig
 from evs.emulator.sensor import SensorParameters
 from evs.emulator.sensor.pixel import MAX_TICK_US

@@ -13,7 +13,7 @@ import numpy as np
 from evs.drivers.clock import monotonic_s
 from evs.emulator.base.protocols import ChunkedModel, EventModel
 from evs.emulator.base.scene import F32
-from evs.emulator.camera.event_models import make_event_model
+from evs.emulator.camera.pixel_pipeline import make_event_model
 from evs.emulator.config import ModelConfig, SensorConfig
 from evs.emulator.evsnet.graph_network import GraphNetwork, Network
 from evs.emulator.evsnet.model import EvsNetModel

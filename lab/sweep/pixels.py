@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from evs.emulator.base.scene import F32
-from evs.emulator.camera.event_models import make_event_model
+from evs.emulator.camera.pixel_pipeline import make_event_model
 from evs.emulator.config import ModelConfig, SensorConfig
 from evs.emulator.evsnet.network_files import families, load_network, network_names
 from evs.emulator.sensor import SensorParameters, resolve_sensor

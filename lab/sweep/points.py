@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import Any
 
 from evs.drivers.run.config import PipelineConfig, find_pipeline
-from evs.emulator.camera.event_models import check_chunk
+from evs.emulator.camera.pixel_pipeline import check_chunk
 from evs.emulator.config import settings
 from evs.emulator.render.registry import SEEDS
 from evs.emulator.render.selection import check_render

@@ -12,8 +12,8 @@ from evs.emulator.base.protocols import Meter, NoMeter
 from evs.emulator.base.scene import F32, CameraPose, SceneSnapshot
 from evs.emulator.camera.camera import Camera
 from evs.emulator.camera.pixel_pipeline import DoneTick, PixelPipeline
-from evs.emulator.config import ModelConfig
-from evs.emulator.sensor import SensorParameters, resolve_sensor
+from evs.emulator.config import ModelConfig, RunConfig
+from evs.emulator.sensor import SensorParameters
 from evs.emulator.simulation.pipelined import PipelinedWorld
 from evs.emulator.simulation.world import World
 from evs.emulator.world import make_control
@@ -80,17 +80,11 @@ class SweepWorld(World):
         )
         self._moved = camera_motion(motion, camera.bound.model)
 
-    def _add(self, plan: Any, config: dict[str, Any] | None, like: Camera | None = None) -> Camera:
+    def _add(self, config: RunConfig, name: str | None, **given: Any) -> Camera:
         if self._method is None:
-            return super()._add(plan, config, like)
+            return super()._add(config, name, **given)
         camera = FramesCamera(
-            self._method,
-            self.model,
-            self._scene.scene,
-            plan,
-            tick_us=self.substeps.tick_us,
-            scene_config=self._scene_config,
-            meter=self._meter,
+            self._method, self.model, self._scene.scene, config, name, meter=self._meter
         )
         self._pose(camera.bound)
         self._cameras.append(camera)
@@ -112,9 +106,8 @@ class FramesCamera(Camera):
 
     def __init__(self, method: FrameMethod, *given: Any, **named: Any) -> None:
         super().__init__(*given, **named)
-        plan = self._plan
-        sensor = resolve_sensor(plan.sensor)
-        self._pixels = FramesPixels(method, sensor, plan.model, plan.seed, plan.threads)
+        config = self.config
+        self._pixels = FramesPixels(method, self.sensor, config.model, config.seed, config.threads)
         self.reset()
 
 

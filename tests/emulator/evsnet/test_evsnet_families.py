@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from evs.emulator.camera.event_models import make_event_model
+from evs.emulator.camera.pixel_pipeline import make_event_model
 from evs.emulator.config import ModelConfig, RenderConfig
 from evs.emulator.evsnet import network_files
 from evs.emulator.evsnet.export import export

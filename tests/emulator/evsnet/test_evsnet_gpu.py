@@ -18,7 +18,7 @@ from evs.emulator.base.gpu import driver
 from evs.emulator.base.gpu.arrays import DeviceLight
 from evs.emulator.base.gpu.compiler import SCAN_THREADS
 from evs.emulator.base.scene import F32
-from evs.emulator.camera.event_models import make_event_model
+from evs.emulator.camera.pixel_pipeline import make_event_model
 from evs.emulator.config import CameraConfig, ModelConfig
 from evs.emulator.evsnet import NetworkWeights
 from evs.emulator.evsnet.gpu import model as gpu_model

@@ -8,7 +8,7 @@ import pytest
 
 from evs.emulator import _core
 from evs.emulator.base.scene import F32, CameraPose, SceneSnapshot
-from evs.emulator.camera.event_models import make_event_model
+from evs.emulator.camera.pixel_pipeline import make_event_model
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.sensor import resolve_sensor

@@ -16,7 +16,7 @@ from evs.emulator.base.scene import (
     Texture,
     TextureKind,
 )
-from evs.emulator.camera.event_models import make_event_model
+from evs.emulator.camera.pixel_pipeline import make_event_model
 from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.render import NativeRenderer
 from evs.emulator.sensor import resolve_sensor

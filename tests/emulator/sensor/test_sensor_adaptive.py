@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from evs.emulator import _core
 from evs.emulator.base.scene import F32
-from evs.emulator.camera.event_models import make_event_model
+from evs.emulator.camera.pixel_pipeline import make_event_model
 from evs.emulator.config import ModelConfig
 from evs.emulator.sensor import PlainModel, SensorParameters
 from evs.emulator.sensor.running_mean import RunningMeanConstants, dark, step

@@ -16,7 +16,7 @@ from evs.drivers.clock import StopWatch
 from evs.emulator.base.gpu.arrays import DeviceLight
 from evs.emulator.base.gpu.compiler import SCAN_THREADS
 from evs.emulator.base.scene import F32
-from evs.emulator.camera import event_models
+from evs.emulator.camera import pixel_pipeline
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.render.gpu import direct, path
 from evs.emulator.sensor import ApsParameters, PlainModel, SensorParameters
@@ -250,7 +250,7 @@ def test_light_of_the_cpu_is_uploaded(device: StandInGpu | None) -> None:
 
 
 def test_what_a_gpu_cannot_do_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(event_models, "why_no_gpu", lambda: "there is no GPU")
+    monkeypatch.setattr(pixel_pipeline, "why_no_gpu", lambda: "there is no GPU")
     world = evs.World(SWING)
     for config, says in (
         (ModelConfig(device="cuda"), "model.device is cuda, but there is no GPU; take cpu"),

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.emulator.camera.event_models import make_event_model
+from evs.emulator.camera.pixel_pipeline import make_event_model
 from evs.emulator.config import ModelConfig, SensorConfig
 from evs.emulator.sensor import PlainModel, SensorParameters, preset_names, resolve_sensor
 from evs.emulator.sensor.reference.filters import bandwidth

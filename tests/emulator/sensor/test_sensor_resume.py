@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from evs.emulator.base.protocols import EventModel
 from evs.emulator.base.scene import F32
-from evs.emulator.camera.event_models import make_event_model
+from evs.emulator.camera.pixel_pipeline import make_event_model
 from evs.emulator.config import ModelConfig
 from evs.emulator.sensor import PlainState, SensorParameters
 from evs.emulator.sensor.pixel import MAX_TICK_US

@@ -16,7 +16,7 @@ from evs.emulator import _core
 from evs.emulator.base.gpu import compiler, driver
 from evs.emulator.base.gpu.compiler import SCAN_THREADS
 from evs.emulator.base.gpu.driver import DevicePart
-from evs.emulator.camera import event_models
+from evs.emulator.camera import pixel_pipeline
 from evs.emulator.evsnet.gpu.network import KERNELS as NETWORK_KERNELS
 from evs.emulator.render import selection
 
@@ -168,6 +168,6 @@ def stand_in(monkeypatch: pytest.MonkeyPatch, *modules: ModuleType) -> StandInGp
     for module in modules:
         monkeypatch.setattr(module, "the_gpu", lambda: gpu)
     monkeypatch.setattr(compiler, "cached_kernel", lambda *told: b"")
-    for chooses in (selection, event_models):
+    for chooses in (selection, pixel_pipeline):
         monkeypatch.setattr(chooses, "why_no_gpu", lambda: "")
     return gpu
