@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -237,8 +237,9 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
         raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))
     for place, sink in enumerate(config.sink):
         sink.check(f"sink.{place}", config.worker if sink.worker is None else sink.worker)
-    _check_held(config)
-    _check_outputs(config, pipeline)
+    sinks = config.sinks()
+    _check_held(config, sinks)
+    _check_outputs(config, sinks, pipeline)
 
 
 def _check_pace(config: PipelineConfig) -> None:
@@ -383,16 +384,16 @@ def _passed_on(config: PipelineConfig) -> PipelineConfig:
     return dataclasses.replace(config, sensor=sensor)
 
 
-def _check_held(config: PipelineConfig) -> None:
+def _check_held(config: PipelineConfig, sinks: Sequence[SinkConfig]) -> None:
     """Refuse streams that no sink can hold."""
-    recorded = [sink for sink in config.sinks() if isinstance(sink, FileSink)]
+    recorded = [sink for sink in sinks if isinstance(sink, FileSink)]
     files = [sink.file for sink in recorded]
     held = [formats.by_name(sink.type).capabilities for sink in recorded]
     if config.model.labels and held and not any(holds.labels for holds in held):
         raise EvsError("at model.labels: only .npz recordings hold labels; add --record FILE.npz")
     for key, on in (("aps", config.sensor.aps.enabled), ("imu", config.sensor.imu.enabled)):
         what = {"aps": "frames", "imu": "imu"}[key]
-        streams = len(files) < len(config.sinks())
+        streams = len(files) < len(sinks)
         if on and files and not streams and not any(getattr(holds, what) for holds in held):
             words = {"aps": "frames", "imu": "IMU samples"}[key]
             raise EvsError(
@@ -401,7 +402,9 @@ def _check_held(config: PipelineConfig) -> None:
             )
 
 
-def _check_outputs(config: PipelineConfig, pipeline: Path | None) -> None:
+def _check_outputs(
+    config: PipelineConfig, sinks: Sequence[SinkConfig], pipeline: Path | None
+) -> None:
     """Refuse files that are written twice, or written and read: one of the two would be lost."""
     inputs = [
         Path(file)
@@ -412,7 +415,7 @@ def _check_outputs(config: PipelineConfig, pipeline: Path | None) -> None:
         inputs.append(pipeline)
     read = {_place(path) for path in inputs}
     recorded: set[Path] = set()
-    for file in (file for sink in config.sinks() if (file := sink.path)):
+    for file in (file for sink in sinks if (file := sink.path)):
         path = _place(file)
         if path in recorded:
             raise EvsError(f"two sinks record to '{path}'; give each its own file")

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from evs.drivers.clock import Pacer, StopWatch, monotonic_s
@@ -18,8 +17,6 @@ from evs.drivers.run.statistics import RunWorld
 from evs.drivers.run.stop_signals import stop_signals
 from evs.drivers.sink import Sink
 from evs.emulator.base.cores import cores
-from evs.emulator.simulation.pipelined import PipelinedWorld, pipelined
-from evs.emulator.simulation.world import World
 from evs.msgs import EventPacket, EvsError
 
 MAX_SECONDS = 1e9
@@ -166,25 +163,6 @@ class _TimedRun(RunLoop):
         self._sink_set.write(packets)
         self.statistics.count_packets(packets)
         return packets
-
-
-@contextmanager
-def open_world(config: PipelineConfig, watch: StopWatch) -> Iterator[World | PipelinedWorld]:
-    """Open the world of a pipeline in an open loop: nothing answers its events.
-
-    Physics and light may therefore run some ticks ahead.
-
-    Args:
-        config: Of the pipeline.
-        watch: The meter that the world laps.
-
-    Yields:
-        The world; it can be stepped for `config.duration_s`, and no longer.
-    """
-    ticks = tick_count(config.duration_s, config.scene.tick_us)
-    world = World.from_config(config, meter=watch)
-    with pipelined(world, ticks, watch, depth_of(config)) as running:
-        yield running
 
 
 def depth_of(config: PipelineConfig) -> int:

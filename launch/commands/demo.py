@@ -114,8 +114,10 @@ def _emulate(
     from evs.drivers.clock import Pacer, StopWatch
     from evs.drivers.pictures import LightLog
     from evs.drivers.run.report import COMPLETE, write_report
-    from evs.drivers.run.run import open_world, tick_count
+    from evs.drivers.run.run import depth_of, tick_count
     from evs.drivers.run.run import run as run_loop
+    from evs.emulator.simulation.pipelined import pipelined
+    from evs.emulator.simulation.world import World
     from evs.launch.support import terminal
     from evs.tools.doctor.audit import Counter
 
@@ -123,9 +125,10 @@ def _emulate(
     light = LightLog.for_clip(config.scene.tick_us, lambda world: world.cameras[0].luminance)
     ticks = tick_count(config.duration_s, config.scene.tick_us)
     tables = config.sinks()
+    whole = World.from_config(config, meter=watch)
     with (
         Counter(str(tables[0].address)) as counter,
-        open_world(config, watch) as world,
+        pipelined(whole, ticks, watch, depth_of(config)) as world,
         terminal.progress(ticks) as moved,
     ):
         report = run_loop(

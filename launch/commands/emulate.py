@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import gc
-from collections.abc import Container, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -73,71 +73,69 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the pipeline; the exit code."""
+    # here, so that --help is quick
+    from evs.drivers.clock import Pacer, StopWatch
+    from evs.drivers.run.report import check_targets, report_beside
+    from evs.drivers.run.run import depth_of, tick_count
+    from evs.drivers.run.run import run as run_loop
+    from evs.emulator.simulation.pipelined import pipelined
+    from evs.emulator.simulation.world import World
+    from evs.launch.support import terminal
+    from evs.launch.support.report_writer import ReportWriter
     from evs.launch.support.web_view import page_of_run
 
     config = pipeline.load(*options.parse_pipeline(args, OPTIONS))
-    with page_of_run(args.view) as sinks:
-        config = replace(config, sink=(*config.sink, *sinks))
+    with page_of_run(args.view) as pages:
+        config = replace(config, sink=(*config.sink, *pages))
         if config.is_closed:
             from evs.launch.support.serve_loop import serve
 
             return serve(config, args.quiet)
-        return _emulate(config, args, {sink.address for sink in sinks})
-
-
-def _emulate(
-    config: pipeline.PipelineConfig, args: argparse.Namespace, own: Container[str | None]
-) -> int:
-    """Run an open loop; nobody else is to subscribe to the addresses in `own`."""
-    # here, so that --help is quick
-    from evs.drivers.clock import Pacer, StopWatch
-    from evs.drivers.run.report import check_targets, report_beside
-    from evs.drivers.run.run import open_world, tick_count
-    from evs.drivers.run.run import run as run_loop
-    from evs.launch.support import terminal
-    from evs.launch.support.report_writer import ReportWriter
-
-    tables = pipeline.settled(config.sinks(), config.beside)
-    recordings = [table.file for table in tables if table.file]
-    targets = [report_beside(file) for file in recordings]
-    if config.report:
-        targets.append(Path(config.report))
-    # recorders check the folders of their files themselves
-    check_targets(targets[len(recordings) :])
-    ticks = tick_count(config.duration_s, config.scene.tick_us)
-    sinks = [pipeline.make_sink(table) for table in tables]
-    watch = StopWatch()
-    write_reports = ReportWriter(targets)
-    with (
-        open_world(config, watch) as world,
-        terminal.progress(ticks, args.quiet) as moved,
-        _frozen(),
-    ):
-        start = world.data.qpos.copy()
-        report = run_loop(
-            world,
-            sinks,
-            config.duration_s,
-            watch,
-            Pacer(pipeline.PACES[config.pace], catch_up_s=config.realtime.catch_up_s),
-            moved,
-            begun=lambda: terminal.notes(world.chosen, args.quiet),
-            warn=terminal.warn,
-            on_report=write_reports,
-            config=settings.to_plain(config),
-        )
-        way = abs(world.data.qpos - start).max(initial=0.0)
-        usual = config.scene.control in ("auto", "zero", "keyframe")
-        stood = usual and len(world.data.ctrl) > 0 and way < LEAST_WAY
-    addresses = [
-        table.address
-        for table in tables
-        if table.address and table.type == "zmq" and table.address not in own
-    ]
-    terminal.summary(report, args.quiet, next_commands(args, recordings, addresses, stood))
-    # a recording that stopped is not a success, although a warning was printed
-    stopped = any(sink.get("error") for sink in report.sinks)
-    return STOPPED.get(report.ended.split()[0], 2 if stopped or write_reports.failures else 0)
+        tables = pipeline.settled(config.sinks(), config.beside)
+        recordings = [table.file for table in tables if table.file]
+        targets = [report_beside(file) for file in recordings]
+        if config.report:
+            targets.append(Path(config.report))
+        # recorders check the folders of their files themselves
+        check_targets(targets[len(recordings) :])
+        ticks = tick_count(config.duration_s, config.scene.tick_us)
+        sinks = [pipeline.make_sink(table) for table in tables]
+        watch = StopWatch()
+        write_reports = ReportWriter(targets)
+        whole = World.from_config(config, meter=watch)
+        # nothing answers the events: physics and light may run some ticks ahead
+        with (
+            pipelined(whole, ticks, watch, depth_of(config)) as world,
+            terminal.progress(ticks, args.quiet) as moved,
+            _frozen(),
+        ):
+            start = world.data.qpos.copy()
+            report = run_loop(
+                world,
+                sinks,
+                config.duration_s,
+                watch,
+                Pacer(pipeline.PACES[config.pace], catch_up_s=config.realtime.catch_up_s),
+                moved,
+                begun=lambda: terminal.notes(world.chosen, args.quiet),
+                warn=terminal.warn,
+                on_report=write_reports,
+                config=settings.to_plain(config),
+            )
+            way = abs(world.data.qpos - start).max(initial=0.0)
+            usual = config.scene.control in ("auto", "zero", "keyframe")
+            stood = usual and len(world.data.ctrl) > 0 and way < LEAST_WAY
+        # nobody else is to subscribe to these
+        own = [page.address for page in pages]
+        addresses = [
+            table.address
+            for table in tables
+            if table.address and table.type == "zmq" and table.address not in own
+        ]
+        terminal.summary(report, args.quiet, next_commands(args, recordings, addresses, stood))
+        # a recording that stopped is not a success, although a warning was printed
+        stopped = any(sink.get("error") for sink in report.sinks)
+        return STOPPED.get(report.ended.split()[0], 2 if stopped or write_reports.failures else 0)
 
 
 @contextmanager

@@ -13,7 +13,7 @@ import pytest
 
 from evs.drivers.clock import StopWatch
 from evs.drivers.run.config import PipelineConfig, load
-from evs.drivers.run.run import depth_of, open_world
+from evs.drivers.run.run import depth_of
 from evs.emulator import UnstableError, World
 from evs.emulator.config import ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.simulation.pipelined import MOST_BYTES, PipelinedWorld, pipelined
@@ -215,10 +215,10 @@ def test_an_impossible_depth_is_refused(arm, depth):
 def test_a_pipeline_gives_the_same_world_either_way(arm, monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
     config = load(None, [("scene.file", str(arm)), ("duration_s", "0.01")])
-    with open_world(config, StopWatch()) as world:
-        assert isinstance(world, PipelinedWorld)
-    with open_world(dataclasses.replace(config, ahead=0), StopWatch()) as world:
-        assert isinstance(world, World)
+    for ahead, kind in ((2, PipelinedWorld), (0, World)):
+        depth = depth_of(dataclasses.replace(config, ahead=ahead))
+        with pipelined(World.from_config(config), 10, StopWatch(), depth) as world:
+            assert isinstance(world, kind)
 
 
 def test_recordings_are_the_same_bytes(arm, tmp_path, monkeypatch):
