@@ -48,7 +48,7 @@ dev:
 format:
 	@sh .ci/setup.sh dev
 	.venv/bin/ruff format .
-	.venv/bin/clang-format -i $$(find emulator/core -name '*.cpp' -o -name '*.h' -o -name '*.inl')
+	.venv/bin/clang-format -i $$(find emulator/core tests/emulator/core -name '*.cpp' -o -name '*.h' -o -name '*.inl')
 
 # make stubs     write emulator/_core.pyi from the native core
 stubs:

@@ -28,7 +28,7 @@ report() {
 format() {
     .venv/bin/ruff format --check . && .venv/bin/ruff check . &&
         .venv/bin/clang-format --dry-run -Werror \
-            $(find emulator/core -name '*.cpp' -o -name '*.h' -o -name '*.inl')
+            $(find emulator/core tests/emulator/core -name '*.cpp' -o -name '*.h' -o -name '*.inl')
 }
 # the two checkers beside each other: each uses one processor
 types() {

@@ -32,7 +32,7 @@ build() {
 build here workload -DEVS_ISA=all -DEVS_OBJECTS="$(pwd)/build/native"
 build arm "$programs" -DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=aarch64 \
     -DCMAKE_CXX_COMPILER=aarch64-linux-gnu-g++ -DEVS_WERROR=ON
-c++ -O2 -shared -fPIC -o build/neon/instructions.so emulator/core/tests/workload/instructions.cpp
+c++ -O2 -shared -fPIC -o build/neon/instructions.so tests/emulator/core/workload/instructions.cpp
 
 arm() {
     qemu-aarch64 -L /usr/aarch64-linux-gnu "$@"

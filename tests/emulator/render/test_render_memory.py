@@ -1,6 +1,6 @@
 """The way of the light, pose to events, keeps nothing from tick to tick: no object and no block.
 
-That the native core allocates nothing, emulator/core/tests/allocation_test.cpp shows.
+That the native core allocates nothing, tests/emulator/core/allocation_test.cpp shows.
 """
 
 from __future__ import annotations

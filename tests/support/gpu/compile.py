@@ -14,7 +14,8 @@ from pathlib import Path
 
 from evs.emulator.base.gpu.compiler import CORE, ROOMS, SAME_BYTES, compile_kernel
 
-TESTED = CORE / "tests/gpu"
+CHECKOUT = Path(__file__).parents[3]
+TESTED = CHECKOUT / "tests/emulator/core/gpu"
 
 
 def compiled(
@@ -26,14 +27,15 @@ def compiled(
     """Compile a kernel, as `compile_kernel` does.
 
     Args:
-        kernel: Name of a file of emulator/core/ROOM/gpu or emulator/core/tests/gpu, without .cu.
+        kernel: Name of a file of emulator/core/ROOM/gpu or tests/emulator/core/gpu, without .cu.
         target: See `compile_kernel`.
         defined: See `compile_kernel`.
         options: See `compile_kernel`.
     """
     folders = (*(CORE / room / "gpu" for room in ROOMS), TESTED)
     folder = next(f for f in folders if (f / f"{kernel}.cu").is_file())
-    return compile_kernel(folder / f"{kernel}.cu", target, defined, options)
+    includes = f"--include-path={CHECKOUT}"
+    return compile_kernel(folder / f"{kernel}.cu", target, defined, (*options, includes))
 
 
 def main() -> None:

@@ -1,7 +1,7 @@
 // The one-lane side of lanes_test.cpp.
 #define EVS_VECTOR_BITS 32
 #define EVS_NAMESPACE one_lane
-#include "tests/gpu/math_ops.inl"
+#include "tests/emulator/core/gpu/math_ops.inl"
 
 namespace evs {
 

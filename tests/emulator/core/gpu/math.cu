@@ -1,7 +1,7 @@
 // Single operations: what each gives for operands `first` and those after it.
 #include "base/gpu/prelude.h"
 
-#include "tests/gpu/math_ops.inl"
+#include "tests/emulator/core/gpu/math_ops.inl"
 
 namespace evs {
 

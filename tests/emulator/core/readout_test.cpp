@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "sensor/readout.h"
-#include "tests/selftest.h"
+#include "tests/emulator/core/selftest.h"
 
 namespace evs {
 namespace {

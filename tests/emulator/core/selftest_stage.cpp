@@ -1,4 +1,4 @@
-#include "tests/selftest.h"
+#include "tests/emulator/core/selftest.h"
 
 #include <cmath>
 #include <cstdio>

@@ -13,7 +13,7 @@
 #include "base/isa.h"
 #include "evsnet/network_array.h"
 #include "sensor/pixel_array.h"
-#include "tests/selftest.h"
+#include "tests/emulator/core/selftest.h"
 
 namespace evs {
 namespace {

@@ -11,7 +11,7 @@
 #include <tuple>
 
 #include "base/thread_pool.h"
-#include "tests/selftest.h"
+#include "tests/emulator/core/selftest.h"
 
 namespace evs {
 namespace {

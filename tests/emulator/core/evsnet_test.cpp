@@ -12,7 +12,7 @@
 #include "base/scan.h"
 #include "evsnet/device_constants.h"
 #include "evsnet/network_array.h"
-#include "tests/selftest.h"
+#include "tests/emulator/core/selftest.h"
 
 namespace evs {
 namespace {

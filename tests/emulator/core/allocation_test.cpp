@@ -7,7 +7,7 @@
 #include <new>
 #include <string>
 
-#include "tests/selftest.h"
+#include "tests/emulator/core/selftest.h"
 
 namespace {
 

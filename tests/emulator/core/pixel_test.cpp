@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "sensor/pixel_array.h"
-#include "tests/selftest.h"
+#include "tests/emulator/core/selftest.h"
 
 namespace evs {
 namespace {

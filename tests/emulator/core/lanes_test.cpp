@@ -4,8 +4,8 @@
 
 #include "base/isa.h"
 #include "base/thread_pool.h"
-#include "tests/gpu/math_ops.inl"
-#include "tests/selftest.h"
+#include "tests/emulator/core/gpu/math_ops.inl"
+#include "tests/emulator/core/selftest.h"
 
 namespace evs {
 

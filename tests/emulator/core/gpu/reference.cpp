@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "base/thread_pool.h"
-#include "tests/gpu/math_ops.inl"
+#include "tests/emulator/core/gpu/math_ops.inl"
 
 #define EVS_EXPORT extern "C" __attribute__((visibility("default")))
 
