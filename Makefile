@@ -38,7 +38,7 @@ docs:
 # make bench     timings
 bench:
 	@sh .ci/setup.sh
-	.venv/bin/pytest -m "bench and not slow" -s tests/bench lab/tests/bench
+	.venv/bin/pytest -m "bench and not slow" -s lab/tests/bench
 
 # make dev       only the set-up: .venv, the native core in place, the tools of make check
 dev:

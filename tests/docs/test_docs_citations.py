@@ -173,8 +173,8 @@ def test_the_modules_that_pages_cite_are_there() -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "as in tests/bench/test_of_nothing.py",
-        "`.venv/bin/pytest -m bench tests/bench/test_of_nothing.py -k one`",
+        "as in lab/tests/bench/test_of_nothing.py",
+        "`.venv/bin/pytest -m bench lab/tests/bench/test_of_nothing.py -k one`",
         "see strands.py.",
         "data/README.md says so",
     ],

@@ -1,7 +1,7 @@
 """What is off costs less: counted in packets, trees, calls, numbers drawn and bytes, not in time.
 
 Code paths of the tracer that only change what it computes for a ray (gloss, normals, fog, haze,
-...) count nothing; their time is in tests/bench/test_plan_cost.py.
+...) count nothing; their time is in lab/tests/bench/test_plan_cost.py.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """After a day, and after years: the same events as in the first second, and the same noise.
 
-tests/bench/test_sensor_day.py lives through the whole day; this starts at its end.
+lab/tests/bench/test_sensor_day.py lives through the whole day; this starts at its end.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 
 LIBRARY is tests/emulator/core/gpu/reference.cpp, built. Prints a line for each operation; the exit
 code is the number of those that differ. Frames are compared by tests/emulator/render/
-test_render_gpu.py, and timed by tests/bench/test_gpu_speed.py.
+test_render_gpu.py, and timed by lab/tests/bench/test_gpu_speed.py.
 """
 
 from __future__ import annotations

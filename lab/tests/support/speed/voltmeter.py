@@ -13,7 +13,7 @@ import numpy.typing as npt
 from speed.elsewhere import AbsentError
 from speed.v2e import CHECKOUT, V2E
 
-PEER = CHECKOUT / "tests/support/speed/voltmeter_peer.py"
+PEER = Path(__file__).with_name("voltmeter_peer.py")
 VOLTMETER = CHECKOUT / "build/venvs/dvs-voltmeter"
 MISSING = (
     "DVS-Voltmeter is missing: git clone https://github.com/Lynn0306/DVS-Voltmeter "

@@ -1,7 +1,7 @@
 """Ten minutes of simulated time in lock-step with the whole of a DVS128.
 
 It takes two minutes and more, so `make bench` leaves it out:
-`.venv/bin/pytest -m bench -s tests/bench/test_closed_minutes.py`. test_closed_long.py in
+`.venv/bin/pytest -m bench -s lab/tests/bench/test_closed_minutes.py`. test_closed_long.py in
 tests/emulator/simulation has the same with fewer pixels.
 """
 

@@ -1,6 +1,6 @@
 """What another sensor or scene in every episode costs: processor time of a reset.
 
-`.venv/bin/pytest -m bench -s tests/bench/test_randomise_cost.py` prints the tables of
+`.venv/bin/pytest -m bench -s lab/tests/bench/test_randomise_cost.py` prints the tables of
 docs/howto/randomise.md and docs/howto/randomise_scenes.md. Processor time, since neighbours on the
 machine move the time on the wall.
 """
@@ -21,7 +21,7 @@ from evs.emulator import Worlds
 from evs.emulator.config import SensorConfig
 from reference.memory import resident_bytes
 
-SCENES = Path(__file__).parents[2] / "config/scenes"
+SCENES = Path(__file__).parents[3] / "config/scenes"
 ROUNDS = 40
 RANGES = {
     "pos_thres": "uniform(0.15, 0.35)",

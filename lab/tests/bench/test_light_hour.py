@@ -2,7 +2,7 @@
 
 It takes a quarter of an hour, so `make bench` leaves it out. The figure in
 docs/explanation/guarantees.md is from
-`.venv/bin/pytest -m bench -s tests/bench/test_light_hour.py`.
+`.venv/bin/pytest -m bench -s lab/tests/bench/test_light_hour.py`.
 """
 
 from __future__ import annotations

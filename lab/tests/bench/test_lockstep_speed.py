@@ -1,6 +1,6 @@
 """What lock-step over the wire costs a step: a loop of no cost, beside a bare ZeroMQ round trip.
 
-`.venv/bin/pytest -m bench -s tests/bench/test_lockstep_speed.py`
+`.venv/bin/pytest -m bench -s lab/tests/bench/test_lockstep_speed.py`
 """
 
 from __future__ import annotations

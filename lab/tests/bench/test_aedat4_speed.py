@@ -25,7 +25,7 @@ from speed.elsewhere import AbsentError
 from speed.turns import Table, Time, spread, target
 from speed.venvs import python_with
 
-CHECKOUT = Path(__file__).parents[2]
+CHECKOUT = Path(__file__).parents[3]
 PEER = Path(aedat4_peer.__file__)
 COMPRESSIONS = ("none", "lz4", "zstd")
 EVENTS, TICKS, ROUNDS = 1000, 300, 7

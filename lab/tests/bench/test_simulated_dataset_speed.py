@@ -1,6 +1,6 @@
 """Samples a second: simulated when they are taken, beside slices of a recording.
 
-.venv/bin/pytest -m bench -s tests/bench/test_simulated_dataset_speed.py
+.venv/bin/pytest -m bench -s lab/tests/bench/test_simulated_dataset_speed.py
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Environments x steps a second: evs.make_vec beside as many processes and SyncVectorEnv.
 
-.venv/bin/pytest -m bench -s tests/bench/test_gym_worlds_speed.py
+.venv/bin/pytest -m bench -s lab/tests/bench/test_gym_worlds_speed.py
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from evs.emulator.config import RenderConfig
 from reference.foreign_models import SCENES, in_even_light
 from reference.mujoco_picture import MujocoPictures
 
-OUT = Path(__file__).parents[2] / "docs" / "img" / "beside_mujoco.png"
+OUT = Path(__file__).parents[3] / "docs" / "img" / "beside_mujoco.png"
 WIDTH, HEIGHT = 240, 180
 
 

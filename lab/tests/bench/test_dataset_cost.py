@@ -1,6 +1,6 @@
 """What a simulated second of each scene of the data set costs: processor seconds, and bytes.
 
-`.venv/bin/pytest -m bench -s tests/bench/test_dataset_cost.py` prints the table of
+`.venv/bin/pytest -m bench -s lab/tests/bench/test_dataset_cost.py` prints the table of
 docs/howto/datasets.md: it makes TICKS ticks and one frame of each scene, 2 s into it, with one
 thread. Processor time, so that it holds for planning; neighbours on the machine still move it.
 """

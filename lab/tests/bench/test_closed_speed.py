@@ -1,6 +1,6 @@
 """What a closed loop costs beside its world, and saving beside a bare copy of the same arrays.
 
-`.venv/bin/pytest -m bench -s tests/bench/test_closed_speed.py`
+`.venv/bin/pytest -m bench -s lab/tests/bench/test_closed_speed.py`
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from evs.emulator.config import SensorConfig
 from evs.emulator.config.schema import DelayConfig
 
 pytestmark = pytest.mark.bench
-SCENE = Path(__file__).parents[2] / "config" / "scenes" / "cartpole.xml"
+SCENE = Path(__file__).parents[3] / "config" / "scenes" / "cartpole.xml"
 
 
 def medians(turns, *jobs):

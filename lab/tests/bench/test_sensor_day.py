@@ -1,7 +1,7 @@
 """A day of simulated time at 1 kHz, 86.4 million ticks of 8 x 8 pixels: nothing drifts or wraps.
 
 It keeps one core busy for half an hour, so `make bench` leaves it out; run it with
-`.venv/bin/pytest -m bench -s tests/bench/test_sensor_day.py`. The faster checks are in
+`.venv/bin/pytest -m bench -s lab/tests/bench/test_sensor_day.py`. The faster checks are in
 tests/emulator/sensor/test_sensor_late_hours.py.
 """
 

@@ -30,7 +30,7 @@ SAMPLES = {"1 sample": (1, "fixed"), "4 at edges": (4, "adaptive"), "4 samples":
 TICKS, TICKS_OF_ONE = 40, 8
 TICKS_OF_LOOP, SETTLED, TENTH = 600, 99, 50
 TICKS_OF_CLOSED, TICKS_OF_MANY, TICKS_OF_SWEEP = 200, 40, 70
-SCENES = Path(__file__).parents[2] / "config/scenes"
+SCENES = Path(__file__).parents[3] / "config/scenes"
 
 pytestmark = pytest.mark.bench
 needs_gpu = pytest.mark.skipif(bool(why_no_gpu()), reason=why_no_gpu() or "there is one")

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from speed.elsewhere import AbsentError
 
-CHECKOUT = Path(__file__).parents[3]
-PEER = CHECKOUT / "tests/support/speed/v2e_peer.py"
+CHECKOUT = Path(__file__).parents[4]
+PEER = Path(__file__).with_name("v2e_peer.py")
 V2E = CHECKOUT / "build/venvs/v2e/bin/python"
 MISSING = (
     "v2e is not installed: python3 -m venv build/venvs/v2e && build/venvs/v2e/bin/pip install "

@@ -1,6 +1,6 @@
 """Memory of the page's process while a run is watched; a minute, or EVS_SOAK_S seconds.
 
-EVS_SOAK_S=3600 .venv/bin/pytest -m bench -s tests/bench/test_page_soak.py
+EVS_SOAK_S=3600 .venv/bin/pytest -m bench -s lab/tests/bench/test_page_soak.py
 """
 
 from __future__ import annotations
