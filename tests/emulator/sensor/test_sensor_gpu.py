@@ -25,6 +25,7 @@ from evs.emulator.sensor.gpu.pixel import CudaPlainModel
 from evs.emulator.sensor.running_mean import RunningMeanConstants
 from evs.emulator.simulation.pipelined import PipelinedWorld
 from evs.msgs import EvsError
+from reference.terms import ALL_TERMS
 
 SWING = Path(__file__).parents[3] / "config/scenes/pendulum.xml"
 SENSOR = SensorParameters("test", 39, 11, 0.2, 0.22, 0.03)
@@ -33,19 +34,7 @@ TERMS: dict[str, dict[str, Any]] = {
     "log_eps": {"log": "log_eps", "log_eps": 0.01},
     "euler": {"filter": "euler", "cutoff_hz": 200.0, "follower_hz": 800.0},
     "poles": {"cutoff_hz": 200.0, "follower_hz": 800.0, "highpass_hz": 3.0, "leak_rate_hz": 30.0},
-    "silicon": {
-        "log": "ln",
-        "dark_lux": 0.1,
-        "filter": "large_signal",
-        "cutoff_hz": 300.0,
-        "leak_rate_hz": 20.0,
-        "parasitic_leak_hz": 30.0,
-        "hot_leak_median_hz": 1.0,
-        "shot_noise_rate_hz": 300.0,
-        "noise_rate_cov_decades": 0.2,
-        "refractory_period_s": 0.0004,
-        "dead_pixel_fraction": 0.1,
-    },
+    "silicon": {"log": "ln", "filter": "large_signal", **ALL_TERMS},
     "spread": {"refractory_period_s": 0.0005, "refractory_spread_decades": 0.2},
     "photons": {
         "log": "ln",

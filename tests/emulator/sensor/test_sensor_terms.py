@@ -16,44 +16,19 @@ from evs.emulator.sensor.fixed_pattern import FixedPattern, draw_pattern
 from evs.emulator.sensor.terms import TERMS as DECLARED
 from evs.emulator.sensor.terms import SensorTerms
 from evs.msgs import Events
+from reference.terms import STATE
+from reference.terms import TERMS as OF_TERMS
 
 pytestmark = pytest.mark.property
 
 IDEAL = SensorParameters("ideal", 33, 6, 0.2, 0.25, dark_lux=0.1)
-TERMS = {
-    "spread": {"sigma_thres": 0.03},
-    "bandwidth": {"cutoff_hz": 200.0},
-    "follower": {"follower_hz": 500.0},
-    "highpass": {"highpass_hz": 1.0},
-    "leak": {"leak_rate_hz": 20.0},
-    "parasitic": {"parasitic_leak_hz": 30.0},
-    "shot": {"shot_noise_rate_hz": 200.0},
-    "photon": {"photocurrent_pa": 0.5, "follower_hz": 500.0},
-    "rates": {"noise_rate_cov_decades": 0.2},
-    "refractory": {"refractory_period_s": 0.0005},
-    "refractory_spread": {"refractory_period_s": 0.0005, "refractory_spread_decades": 0.2},
-    "hot": {"hot_leak_median_hz": 1.0},
-    "dead": {"dead_pixel_fraction": 0.1},
-}
-STATE = {
-    "bandwidth": {"filtered", "due_us", "since_us"},
-    "follower": {"followed", "due_us", "since_us"},
-    "highpass": {"due_us", "since_us"},
-    "leak": {"due_us", "since_us"},
-    "parasitic": {"due_us", "since_us"},
-    "shot": {"shot_next", "shot_count"},
-    "photon": {"followed", "noise_budget", "noise_mean", "noise_memory", "due_us", "since_us"},
-    "refractory": {"blind_until", "due_us", "since_us"},
-    "refractory_spread": {"blind_until", "due_us", "since_us"},
-    "hot": {"due_us", "since_us"},
-}
-"""term -> the arrays of state that it has"""
+TERMS = {**OF_TERMS, "dead": {"dead_pixel_fraction": 0.1}}
 PATTERN = {
     "leak": {"leak", "phase"},
-    "parasitic": {"leak", "parasitic", "phase"},
-    "shot": {"shot_on", "shot_off"},
+    "parasitic_leak": {"leak", "parasitic", "phase"},
+    "shot_noise": {"shot_on", "shot_off"},
     "refractory_spread": {"refractory_us"},
-    "hot": {"leak", "phase", "hot"},
+    "defects": {"leak", "phase", "hot"},
 }
 """term -> the arrays of fixed pattern that it has"""
 
@@ -102,19 +77,19 @@ def test_the_fixed_pattern_of_a_term_does_not_depend_on_the_others(
     names: set[str], seed: int
 ) -> None:
     """But thresholds scale leak and shot rates, and what a pixel is (hot, dead) scales all."""
-    scale = names & {"spread", "rates", "hot", "dead"}
+    scale = names & {"threshold_spread", "rate_spread", "defects", "dead"}
     ours = pattern_arrays(draw_pattern(sensor_with(names), seed))
     for name in names - scale:
         alone = pattern_arrays(draw_pattern(sensor_with(scale | {name}), seed))
-        if "hot" in names or name != "parasitic":
+        if "defects" in names or name != "parasitic_leak":
             assert PATTERN.get(name, set()) <= ours.keys()
         for key in PATTERN.get(name, set()) - {"leak", "phase"}:
             assert ours[key].tobytes() == alone[key].tobytes()
     # where a pixel is neither, it is as if the defects were off
-    plain = pattern_arrays(draw_pattern(sensor_with(names - {"hot", "dead"}), seed))
+    plain = pattern_arrays(draw_pattern(sensor_with(names - {"defects", "dead"}), seed))
     usual = np.isfinite(ours["on"]) & (ours.get("hot", np.uint8(0)) == 0)
     for key, array in plain.items():
-        if key == "leak" and "hot" in names:
+        if key == "leak" and "defects" in names:
             assert np.all(ours[key][usual] >= array[usual])  # the tail has no end
         else:
             assert np.array_equal(ours[key][usual], array[usual])
@@ -150,7 +125,8 @@ def of_cause(cause: int, model: PlainModel, frames: list[F32], seed: int) -> lis
 )
 def test_noise_comes_at_the_same_times_whatever_else_is_on(names: set[str], seed: int) -> None:
     """Every single event, of pixels that are never blind. Photon noise has the same cause."""
-    base = {"shot"} | names & {"spread", "rates", "dead"}  # the terms that its rates follow from
+    # the terms that its rates follow from
+    base = {"shot_noise"} | names & {"threshold_spread", "rate_spread", "dead"}
     frames = light_of(12, seed)
     alone, beside = (
         of_cause(3, PlainModel(sensor_with(terms), 1, causes=True), frames, seed)
@@ -158,7 +134,7 @@ def test_noise_comes_at_the_same_times_whatever_else_is_on(names: set[str], seed
     )
     assert sum(map(len, alone)) > 50
     for ours, theirs in zip(alone, beside, strict=True):
-        if "photon" in names:
+        if "photon_noise" in names:
             assert {*ours.tolist()} <= {*theirs.tolist()}
             continue
         for field in ("t", "x", "y", "p"):
@@ -169,7 +145,9 @@ def test_noise_comes_at_the_same_times_whatever_else_is_on(names: set[str], seed
 @pytest.mark.parametrize("name", [x.name for x in FEATURES if x.stage == "sensor" and not x.idle])
 def test_idle_terms_change_no_byte_of_photon_noise(name: str, leak_hz: float) -> None:
     """Of pixels that move, and of still ones, whose noise goes on by itself."""
-    sensor = replace(sensor_with({"photon", "spread"}), photocurrent_pa=0.1, leak_rate_hz=leak_hz)
+    sensor = replace(
+        sensor_with({"photon_noise", "threshold_spread"}), photocurrent_pa=0.1, leak_rate_hz=leak_hz
+    )
     frames = light_of(8, 1)
     streams = []
     for switches in (UNFORCED, Switches(on=frozenset({name}))):
@@ -188,7 +166,7 @@ def test_idle_terms_change_no_byte_of_photon_noise(name: str, leak_hz: float) ->
 def test_candidates_for_noise_are_the_same_in_any_light_and_ticks(
     names: set[str], seed: int
 ) -> None:
-    names = names | {"shot"}
+    names = names | {"shot_noise"}
     model = PlainModel(sensor_with(names), 1)
     clocks = []
     for ticks_us, frames in (
@@ -216,9 +194,9 @@ def test_causes_are_only_there_when_asked_and_change_nothing(names: set[str], se
         b, theirs = telling.step(frame, theirs, k * 1000, (k + 1) * 1000)
         raw, causes = (events.view(np.uint8).reshape(-1, 16).copy() for events in (a, b))
         assert not np.any(raw[:, 13:])
-        possible = {1} | ({3} if names & {"shot", "photon"} else set())
-        possible |= {4} if "hot" in names else set()
-        if names & {"leak", "parasitic", "highpass", "hot"}:
+        possible = {1} | ({3} if names & {"shot_noise", "photon_noise"} else set())
+        possible |= {4} if "defects" in names else set()
+        if names & {"leak", "parasitic_leak", "high_pass", "defects"}:
             possible |= {2}
         assert set(causes[:, 13].tolist()) <= possible
         causes[:, 13] = 0

@@ -14,15 +14,12 @@ from evs.emulator.sensor.pixel import MAX_CLOCK_US, MAX_TICK_US
 from evs.emulator.sensor.reference import ReferenceModel, caught_up
 from evs.emulator.sensor.running_mean import RunningMeanConstants
 from evs.msgs import Events, EvsError, join_events
+from reference.terms import ALL_TERMS as ALL
 
 pytestmark = pytest.mark.extremes
 
 SENSOR = SensorParameters("test", 10, 8, 0.2, 0.2, 0.03)
-ALL_TERMS = replace(
-    SENSOR, cutoff_hz=300.0, follower_hz=900.0, highpass_hz=0.1, leak_rate_hz=5.0,
-    parasitic_leak_hz=5.0, shot_noise_rate_hz=100.0, noise_rate_cov_decades=0.2,
-    refractory_period_s=0.0003, hot_leak_median_hz=1.0, dead_pixel_fraction=0.1, dark_lux=0.1,
-)  # fmt: skip
+ALL_TERMS = replace(SENSOR, **ALL)
 
 SILICON = replace(ALL_TERMS, log="ln", filter="large_signal")
 

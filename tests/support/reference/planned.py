@@ -21,6 +21,7 @@ from evs.emulator.config import (
     SensorConfig,
 )
 from evs.emulator.simulation.world import World
+from reference.terms import TERMS
 
 SUN = '<light type="directional" dir=".2 .3 -1" diffuse=".7 .7 .7" specular=".2 .2 .2"/>'
 SCENE = """<mujoco>
@@ -152,20 +153,8 @@ NEEDS = {
     "full_retrace": PLAIN,
     "refits": Film({"more": CLOTH, "rest": " 1 0 -3" * 36}),
     "ground_truth": Film({}, {}, {}, {}, {"labels": True}),
-    "threshold_spread": Film(sensor={"sigma_thres": 0.03}),
-    "rate_spread": Film(sensor={"leak_rate_hz": 50.0, "noise_rate_cov_decades": 0.3}),
-    "defects": Film(sensor={"hot_leak_median_hz": 1.0}),
-    "low_pass": Film(sensor={"cutoff_hz": 200.0}),
-    "follower": Film(sensor={"follower_hz": 200.0}),
-    "high_pass": Film(sensor={"highpass_hz": 20.0}),
-    "leak": Film(sensor={"leak_rate_hz": 20.0}),
-    "parasitic_leak": Film(sensor={"parasitic_leak_hz": 50.0}),
-    "shot_noise": Film(sensor={"shot_noise_rate_hz": 100.0}),
-    "photon_noise": Film(sensor={"photocurrent_pa": 0.1, "dark_lux": 0.1, "follower_hz": 200.0}),
-    "refractory": Film(sensor={"refractory_period_s": 0.002}),
-    "refractory_spread": Film(
-        sensor={"refractory_period_s": 0.002, "refractory_spread_decades": 0.2}
-    ),
+    **{name: Film(sensor=keys) for name, keys in TERMS.items()},
+    "rate_spread": Film(sensor={"leak_rate_hz": 50.0, **TERMS["rate_spread"]}),
     "running_mean": Film({}, {}, {}, {}, {"name": "adaptive"}),
     "causes": Film({}, {}, {}, {}, {"labels": True}),
     "readout": Film(sensor={"readout": ReadoutConfig(order="scan", scan_us=400)}),
