@@ -13,11 +13,9 @@
 #endif
 
 #include "base/scan.h"
-#include "evsnet/bilif_lanes.inl"
 #include "evsnet/device_network.h"
-#include "evsnet/log_delta_lanes.inl"
+#include "evsnet/lanes.inl"
 #include "evsnet/spike_time.h"
-#include "evsnet/wide.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {
@@ -58,7 +56,7 @@ EVS_INLINE PixelFifo fifo_of(const DeviceNetwork& net, int64_t tick, size_t pixe
 }
 
 // N outputs from `o` on. In: `now`, the inputs of this tick; those before it are features from
-// `first` on. Order of the sum as in convolution.inl.
+// `first` on. Order of the sum as in inference.inl.
 template <int N, int INPUTS>
 EVS_INLINE void convolve_outputs(const float* weights, const float* biases, int stride,
                                  const PixelFifo& fifo, int first, const float* now, int inputs,

@@ -10,7 +10,6 @@
 #include <cstdint>
 
 #include "sensor/comparator.h"
-#include "sensor/leak_noise.h"
 #include "sensor/pixel.h"
 #include "sensor/response.h"
 
@@ -170,33 +169,30 @@ EVS_ALWAYS_INLINE void follower_lags(const PixelStep& step, size_t first, size_t
     }
   }
   uint32_t slowest = 0xffffffffu;
+  auto rates = [&](auto&& rate_of) {
+    for (size_t i = 0; i < count; i++) {
+      const float k = apart_from(rate_of(i), z);
+      const uint32_t bits = std::bit_cast<uint32_t>(k);
+      slowest = bits < slowest ? bits : slowest;
+      rate[i] = k;
+    }
+  };
   if (largest >= std::bit_cast<uint32_t>(kSmallSignal)) {
-    for (size_t i = 0; i < count; i++) {
-      const float k = apart_from(large_signal_rate(low + slope * dn[i], p0[i], x0[i]), z);
-      const uint32_t bits = std::bit_cast<uint32_t>(k);
-      slowest = bits < slowest ? bits : slowest;
-      rate[i] = k;
-    }
+    rates([&](size_t i) { return large_signal_rate(low + slope * dn[i], p0[i], x0[i]); });
   } else {
-    for (size_t i = 0; i < count; i++) {
-      const float k = apart_from(at_most(low + slope * dn[i], kLongest), z);
-      const uint32_t bits = std::bit_cast<uint32_t>(k);
-      slowest = bits < slowest ? bits : slowest;
-      rate[i] = k;
-    }
+    rates([&](size_t i) { return at_most(low + slope * dn[i], kLongest); });
   }
+  auto lags = [&](auto&& pole_of) {
+    for (size_t i = 0; i < count; i++) {
+      const LowpassStep pole = pole_of(rate[i]);
+      share[i] = pole.a;
+      lag[i] = follower_lag(rate[i], pole, z, follower);
+    }
+  };
   if (slowest < std::bit_cast<uint32_t>(kVanished)) {
-    for (size_t i = 0; i < count; i++) {
-      const LowpassStep pole = lowpass_step(rate[i]);
-      share[i] = pole.a;
-      lag[i] = follower_lag(rate[i], pole, z, follower);
-    }
+    lags([](float k) { return lowpass_step(k); });
   } else {
-    for (size_t i = 0; i < count; i++) {
-      const LowpassStep pole = {1.0f, 1.0f - 1.0f / rate[i]};
-      share[i] = pole.a;
-      lag[i] = follower_lag(rate[i], pole, z, follower);
-    }
+    lags([](float k) { return LowpassStep{1.0f, 1.0f - 1.0f / k}; });
   }
 }
 
@@ -352,6 +348,32 @@ EVS_CALL_ON_DEVICE inline Response response_of(const PixelStep& step, size_t fir
   // rounding of the filters is spread over the tick
   response.slope = response.end - (response.first * a + response.second * b);
   return straighten(response, step.tick.us);
+}
+
+// Leak of a pixel at this light: log units per us by which its reference sinks, a multiple of
+// 2^-43. Parasitic leak is limited to one event a us, so that a pixel in the sun does not exhaust
+// the memory.
+EVS_ALWAYS_INLINE double leak_rate(const PixelStep& step, size_t pixel, float dn) {
+  const double dark = step.pattern.leak[pixel];
+  if (step.pattern.parasitic == nullptr) return dark;
+  const double limit = step.pattern.theta_on[pixel];
+  const double parasitic = step.pattern.parasitic[pixel] * (step.settings.parasitic_slope * dn);
+  return dark + on_grid(parasitic < limit ? parasitic : limit);
+}
+
+// Apply the leak of the ticks in which the block was skipped, at the light of those ticks.
+EVS_ALWAYS_INLINE void apply_skipped_leak(const PixelStep& step, size_t first, size_t count) {
+  if (step.pattern.leak == nullptr) return;
+  const double skipped_us =
+      static_cast<double>(step.tick.begin_us - step.arrays.since_us[first / kBlock]);
+  if (skipped_us == 0.0) return;
+  const float* light =
+      (step.settings.averages() ? step.arrays.running_mean.mean : step.arrays.last_luminance) +
+      first;
+  double* reference = step.arrays.reference + first;
+  for (size_t i = 0; i < count; i++) {
+    reference[i] -= leak_rate(step, first + i, to_dn(step.settings.map, light[i])) * skipped_us;
+  }
 }
 
 // The references at the start of the tick and by how much they sink in it, into the scratch.

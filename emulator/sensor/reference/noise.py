@@ -1,4 +1,4 @@
-"""Shot noise and leak: the contracts of core/sensor/shot_noise.h, leak_noise.h and random.h.
+"""Shot noise and leak: the contracts of core/sensor/shot_noise.h, pixel_front_end.h and random.h.
 
 Python's integers and floats, one number at a time.
 """

@@ -29,7 +29,7 @@ EVS_INLINE Vec through_lens(const Frame& f, Float px, Float py) {
 }
 
 // With 16 lanes a packet is 4 x 4 pixels; with 32 lanes two packets lie side by side. One lane goes
-// pixel by pixel (simd/one_lane.inl) and calls nothing that takes a packet.
+// pixel by pixel (simd/kernel_one_lane.cpp) and calls nothing that takes a packet.
 constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT, PACKETS = LANES < PACKET ? 1 : LANES / PACKET;
 struct PixelOfLane {
   float column[LANES], row[LANES];

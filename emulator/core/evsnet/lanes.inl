@@ -1,0 +1,174 @@
+// What one register of lanes computes of EvSNet, on a CPU and as a thread of a GPU: the sums of
+// convolutions, X and the membranes.
+#pragma once
+
+#include "base/simd.inl"
+#include "evsnet/network_kernel.h"
+
+namespace evs::EVS_NAMESPACE {
+namespace {
+
+// One register of lanes. Compilers keep sums of several registers in memory.
+#if EVS_VECTOR_BITS == 512
+using Wide = __m512;
+EVS_INLINE Wide wide(float a) { return _mm512_set1_ps(a); }
+EVS_INLINE Wide wide_fma(Wide a, Wide b, Wide c) { return _mm512_fmadd_ps(a, b, c); }
+// ReLU, clamped to the largest float: never -0, NaN or Inf
+EVS_INLINE Wide wide_relu(Wide a) {
+  return _mm512_min_ps(_mm512_max_ps(a, wide(0.0f)), wide(kLargest));
+}
+// register block: outputs times ticks, or more outputs where few ticks are left
+constexpr int OUTPUTS = 4, TICKS = 4, OUTPUTS_ALONE = 8;
+#elif EVS_VECTOR_BITS == 32
+using Wide = float;
+constexpr int OUTPUTS = 4, TICKS = 2, OUTPUTS_ALONE = 8;
+EVS_INLINE Wide wide(float a) { return a; }
+EVS_INLINE Wide wide_fma(Wide a, Wide b, Wide c) { return __builtin_fmaf(a, b, c); }
+EVS_INLINE Wide wide_relu(Wide a) {
+  a = a > 0.0f ? a : 0.0f;
+  return a < kLargest ? a : kLargest;
+}
+#else
+using Wide = FloatPart;
+// NEON has twice the registers of AVX2
+constexpr int OUTPUTS = 4, TICKS = EVS_NEON ? 4 : 2, OUTPUTS_ALONE = 8;
+EVS_INLINE Wide wide(float a) { return a - Wide{}; }
+#if EVS_VECTOR_BITS == 256
+EVS_INLINE Wide wide_fma(Wide a, Wide b, Wide c) { return _mm256_fmadd_ps(a, b, c); }
+#elif EVS_NEON
+EVS_INLINE Wide wide_fma(Wide a, Wide b, Wide c) {
+  return (Wide)vfmaq_f32((float32x4_t)c, (float32x4_t)a, (float32x4_t)b);
+}
+#else
+// slow where there is no such instruction: a function call for each lane
+EVS_INLINE Wide wide_fma(Wide a, Wide b, Wide c) {
+#pragma GCC unroll 4
+  for (int i = 0; i < PART; i++) c[i] = __builtin_fmaf(a[i], b[i], c[i]);
+  return c;
+}
+#endif
+EVS_INLINE Wide wide_relu(Wide a) {
+  a = a > wide(0.0f) ? a : wide(0.0f);
+  return a < wide(kLargest) ? a : wide(kLargest);
+}
+#endif
+
+constexpr int WIDE = EVS_VECTOR_BITS / 32;  // lanes of a register
+
+EVS_INLINE Wide wide_load(const float* p) {
+  Wide a;
+  __builtin_memcpy(&a, p, sizeof a);
+  return a;
+}
+EVS_INLINE void wide_store(float* p, Wide a) { __builtin_memcpy(p, &a, sizeof a); }
+
+// Luminance to the log intensity difference X_k = L_log(k) - L_log(k - 1) of one register of lanes
+// (the paper's equation 1). Luminance is mapped as by `log_intensity` in sensor/pixel_front_end.h.
+
+struct LogDelta {
+  Float x;         // clamped
+  Mask usable;     // luminance is
+  Mask nonzero;    // X is not 0
+  Mask unclamped;  // X was not clamped
+};
+
+// In: `dn` and `part`, what to_dn and log_part give; `inside`, the lanes of the image. In/out: the
+// last luminance that was usable, and its log.
+EVS_INLINE LogDelta log_delta_lanes(const LogMap& map, Float luminance, Float dn, Float part,
+                                    Mask inside, Float& last_luminance, Float& last_log) {
+  LogDelta out;
+  // map to log intensity, as is_usable and with_log_part; unusable light keeps the last one
+  out.usable = (luminance > -kBlack) & (dn <= kLargest);
+  const Float below = min(dn * splat(map.slope), splat(map.ln_knee));
+  const Float log_now = select(dn >= map.knee, part, below);
+  const Float new_log = select(out.usable, log_now, last_log);
+  // difference and clamp; the first light only sets L_log
+  const Mask known = (last_log <= 0.0f) | (last_log >= 0.0f);
+  const Float delta = select(known & inside, new_log - last_log, splat(0.0f));
+  out.x = min(max(delta, splat(-kLargestX)), splat(kLargestX));
+  out.nonzero = ~((out.x <= 0.0f) & (out.x >= 0.0f));
+  out.unclamped = (out.x <= delta) & (delta <= out.x);
+  last_log = new_log;
+  last_luminance = select(out.usable, luminance, last_luminance);
+  return out;
+}
+
+// The bipolar leaky integrate-and-fire unit (BiLIF) of one register of lanes, the paper's equations
+// 2 and 3 with thresholds of their own for each polarity:
+//
+//   charge  V' = d V + I
+//   fire    n spikes: ON if V' >= V_on, OFF if V' <= -V_off, else none
+//   reset   V = V' - n V_on, V' + n V_off or V'
+//
+// n is the number of thresholds in V', but at most `most`: 1 in the paper. What is left stays in V.
+//
+// A pixel is active if I is not 0 or V is at a threshold. Only an active pixel changes; its leak
+// over all ticks since it was last active is applied in one step. No NaN persists: as I it counts
+// as 0 and as clamped, as V it becomes -64.
+
+EVS_INLINE Mask at_threshold(Float v, const BiLif& unit) {
+  return (v >= unit.v_on) | (v <= -unit.v_off);
+}
+
+// d^gap V of the active lanes.
+EVS_INLINE Float leak(Float v, Int gap, Mask active, const BiLif& unit) {
+  // nearly always one tick
+  if (!any(active & ~(gap == splat(1)))) return v * unit.decay_low[1];
+  const Mask far = ~(gap < splat(kDecayLow * kDecayHigh));
+  const Int ticks = select(far | (gap < splat(0)), splat(0), gap);
+  const Float low = gather(unit.decay_low, ticks & splat(kDecayLow - 1));
+  const Float high = gather(unit.decay_high, shift_right<8>(ticks));
+  return select(far, splat(0.0f), v * low * high);
+}
+
+// n of the lanes that fire, at least 1.
+EVS_INLINE Float spikes(Float v, Mask on, Mask off, const BiLif& unit) {
+  const Float one = splat(1.0f);
+  if (unit.most == 1 || !any(on | off)) return one;
+  const Float inside = select(on, v / splat(unit.v_on), select(off, -v / splat(unit.v_off), one));
+  return to_float(truncate(min(inside, splat(static_cast<float>(unit.most)))));
+}
+
+// What a tick does to the membranes of a register of lanes.
+struct Fired {
+  Mask on, off;  // lanes that fire
+  Mask clamped;  // lanes whose current is a NaN, or whose V was clamped
+  Float leaked;  // d V at the start of the tick
+  Float count;   // spikes of the lanes that fire
+};
+
+// The tick `last`, counted from `tick`; older input has leaked away.
+EVS_INLINE int relative_tick(int64_t last, int64_t tick) {
+  constexpr int64_t kFar = kDecayLow * kDecayHigh;
+  const int64_t relative = last < tick - kFar ? -kFar : last - tick;
+  return static_cast<int>(relative > 0 ? 0 : relative);
+}
+
+// Tick t, counted as last_active is. In/out: `v` and `last_active` of the active lanes. Returns
+// whether there are any; without, `fired` is not written.
+EVS_INLINE bool integrate_and_fire_lanes(const BiLif& unit, Float current, int t, Mask lanes,
+                                         Float& v, Int& last_active, Fired& fired) {
+  // find the active lanes; a NaN is on neither side of 0
+  const Mask no_current = (current <= 0.0f) & (current >= 0.0f);
+  const Mask active = (~no_current | at_threshold(v, unit)) & lanes;
+  if (!any(active)) return false;
+  const Mask usable = (current <= 0.0f) | (current >= 0.0f);
+  // charge
+  fired.leaked = leak(v, splat(t) - last_active, active, unit);
+  const Float charged = fired.leaked + select(usable, current, splat(0.0f));
+  const Float v_charged = min(max(charged, splat(-kLargestV)), splat(kLargestV));
+  fired.clamped = active & (~usable | (abs(charged) > kLargestV));
+  // fire
+  fired.on = active & (v_charged >= unit.v_on);
+  fired.off = active & (v_charged <= -unit.v_off);
+  fired.count = spikes(v_charged, fired.on, fired.off, unit);
+  // reset
+  const Float reset = select(fired.on, v_charged - fired.count * unit.v_on,
+                             select(fired.off, v_charged + fired.count * unit.v_off, v_charged));
+  v = select(active, reset, v);
+  last_active = select(active, splat(t), last_active);
+  return true;
+}
+
+}  // namespace
+}  // namespace evs::EVS_NAMESPACE
