@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 import tomllib
-import typing
 from collections.abc import Iterator
 from dataclasses import MISSING, Field, asdict, dataclass, fields, is_dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from typing import Any, TypeVar
 from evs.emulator.base.small_files import is_file, read_small_text
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.declaration import declaration
+from evs.emulator.config.settings import hints_of
 from evs.emulator.sensor.bias_laws import Nominal, effective, nominal_biases, with_biases
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.msgs import EvsError, unknown
@@ -147,8 +147,7 @@ def fill(kind: type[P], file: SensorFile, config: Any, **fixed: Any) -> P:
     """Make an instance of `kind`: what `config` and `fixed` give, else the file's values.
 
     Args:
-        kind: A dataclass of parameters. A table whose field is `Table | None` is None where neither
-            file nor configuration has any of its keys.
+        kind: A dataclass of parameters, and of tables of parameters.
         file: The table of the sensor file. A key that is declared as a path is relative to it.
         config: A dataclass with the keys of `kind`, None where it gives nothing.
         **fixed: Values that neither gives.
@@ -156,41 +155,28 @@ def fill(kind: type[P], file: SensorFile, config: Any, **fixed: Any) -> P:
     Raises:
         EvsError: An unknown or missing key, and whatever `kind` refuses.
     """
-    hints = typing.get_type_hints(kind)
-    known = [field.name for field in fields(kind) if field.name not in fixed]  # type: ignore[arg-type]
+    hints = hints_of(kind)  # type: ignore[arg-type]
+    known = [name for name in hints if name not in fixed]
     for key in file.values:
         if key not in known:
             names = [file.prefix + name for name in known]
             raise unknown(f"key of sensor file {file.path}", file.prefix + key, names)
-    values: dict[str, Any] = dict(fixed)
-    for field in fields(kind):  # type: ignore[arg-type]
-        if field.name in fixed:
-            continue
-        table, optional = table_of(hints[field.name])
-        given = getattr(config, field.name)
-        if table is not None:
-            inside = file.table(field.name)
-            if not optional or field.name in file.values or gives_any(given):
-                values[field.name] = fill(table, inside, given)
+    values, missing = dict(fixed), []
+    for field in (one for one in fields(kind) if one.name in known):  # type: ignore[arg-type]
+        name, given = field.name, getattr(config, field.name)
+        if is_dataclass(hints[name]):
+            values[name] = fill(hints[name], file.table(name), given)
         elif given is not None:
-            values[field.name] = given
-        elif field.name in file.values:
-            values[field.name] = _from_file(field, file)
-    _check_complete(kind, values, file)
+            values[name] = given
+        elif name in file.values:
+            values[name] = _from_file(field, file)
+        elif field.default is MISSING:
+            missing.append(file.prefix + name)
+    if missing:
+        raise EvsError(
+            f"sensor file {file.path} lacks {', '.join(missing)}; add it, or sensor.{missing[0]}="
+        )
     return kind(**values)
-
-
-def table_of(hint: Any) -> tuple[type[Any] | None, bool]:
-    """(the dataclass of a hint `Table` or `Table | None`, else None; whether it is optional)."""
-    kinds = typing.get_args(hint) or (hint,)
-    tables = [kind for kind in kinds if isinstance(kind, type) and is_dataclass(kind)]
-    return (tables[0], len(kinds) > 1) if tables else (None, False)
-
-
-def gives_any(config: Any) -> bool:
-    """Whether any key of a table of the configuration is given, or of a table inside it."""
-    values = [getattr(config, field.name) for field in fields(config)]
-    return any(gives_any(v) if is_dataclass(v) else v is not None for v in values)
 
 
 def _from_file(field: Field[Any], file: SensorFile) -> Any:
@@ -201,20 +187,6 @@ def _from_file(field: Field[Any], file: SensorFile) -> Any:
     if declared and declared.is_path and isinstance(value, str) and value:
         return str(file.path.parent / Path(value).expanduser())
     return value
-
-
-def _check_complete(kind: type[Any], values: dict[str, Any], file: SensorFile) -> None:
-    missing = [
-        file.prefix + field.name
-        for field in fields(kind)
-        if field.default is MISSING
-        and field.default_factory is MISSING
-        and field.name not in values
-    ]
-    if missing:
-        raise EvsError(
-            f"sensor file {file.path} lacks {', '.join(missing)}; add it, or sensor.{missing[0]}="
-        )
 
 
 DEFAULT = "default of evs: the file does not give it"

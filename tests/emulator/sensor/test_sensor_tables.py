@@ -16,8 +16,6 @@ from evs.msgs import EvsError
 
 @dataclass(frozen=True)
 class Lens:
-    focal: float
-    """no default: whoever has a lens says it"""
     tint: float = 0.0
 
 
@@ -26,7 +24,7 @@ class Bus:
     rate: float = 5.0
     places: tuple[int, ...] = ()
     list: str = parameter("", "a file of names", is_path=any_path)
-    lens: Lens | None = None
+    lens: Lens = field(default_factory=Lens)
 
 
 @dataclass(frozen=True)
@@ -34,12 +32,10 @@ class Chip:
     name: str
     width: int
     bus: Bus = field(default_factory=Bus)
-    lens: Lens | None = None
 
 
 @dataclass(frozen=True)
 class LensConfig:
-    focal: float | None = None
     tint: float | None = None
 
 
@@ -55,7 +51,6 @@ class BusConfig:
 class ChipConfig:
     width: int | None = None
     bus: BusConfig = field(default_factory=BusConfig)
-    lens: LensConfig = field(default_factory=LensConfig)
 
 
 def chip(values: dict[str, Any], config: ChipConfig | None = None) -> Chip:
@@ -71,26 +66,15 @@ def refusal(values: dict[str, Any], config: ChipConfig | None = None) -> str:
     return str(error.value)
 
 
-def test_a_table_that_nobody_tells_has_its_defaults() -> None:
-    assert chip({"width": 3}) == Chip("chip", 3, Bus(), None)
+def test_a_table_without_values_has_its_defaults() -> None:
+    assert chip({"width": 3}) == Chip("chip", 3, Bus())
 
 
-def test_values_of_the_file() -> None:
-    told = chip({"width": 3, "bus": {"rate": 2.0, "places": [4, 5]}, "lens": {"focal": 1.5}})
-    assert told == Chip("chip", 3, Bus(2.0, (4, 5)), Lens(1.5))
-
-
-def test_the_configuration_goes_first_key_by_key() -> None:
-    config = ChipConfig(bus=BusConfig(rate=9.0), lens=LensConfig(tint=0.5))
-    told = chip({"width": 3, "bus": {"rate": 2.0, "places": [4]}, "lens": {"focal": 1.5}}, config)
-    assert told == Chip("chip", 3, Bus(9.0, (4,)), Lens(1.5, 0.5))
-
-
-def test_a_table_that_may_be_absent_comes_with_the_first_key() -> None:
-    told = chip({"width": 3}, ChipConfig(lens=LensConfig(focal=2.0)))
-    assert told.lens == Lens(2.0)
-    inner = chip({"width": 3}, ChipConfig(bus=BusConfig(lens=LensConfig(focal=2.0))))
-    assert inner == Chip("chip", 3, Bus(lens=Lens(2.0)))
+def test_the_configuration_goes_before_the_file_key_by_key() -> None:
+    values = {"width": 3, "bus": {"rate": 2.0, "places": [4, 5], "lens": {"tint": 1.5}}}
+    assert chip(values) == Chip("chip", 3, Bus(2.0, (4, 5), lens=Lens(1.5)))
+    config = ChipConfig(bus=BusConfig(rate=9.0, lens=LensConfig(tint=0.5)))
+    assert chip(values, config) == Chip("chip", 3, Bus(9.0, (4, 5), lens=Lens(0.5)))
 
 
 def test_files_of_the_file_lie_beside_it() -> None:
@@ -109,7 +93,6 @@ def test_refusals() -> None:
     assert "bus is 4; make it a table [bus]" in refusal({"width": 3, "bus": 4})
     assert "bus.lens is 'x'; make it a table [bus.lens]" in refusal({"bus": {"lens": "x"}})
     assert "lacks width; add it, or sensor.width=" in refusal({})
-    assert "lacks lens.focal; add it, or sensor.lens.focal=" in refusal({"width": 3, "lens": {}})
     assert "'name'" in refusal({"width": 3, "name": "other"})
 
 
