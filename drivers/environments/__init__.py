@@ -3,7 +3,6 @@
 from evs.drivers.environments.episode import EpisodeSpec
 from evs.drivers.environments.event_env import EventEnv
 from evs.drivers.environments.simulated_dataset import EpochSampler, SimulatedDataset
-from evs.drivers.environments.vector import make_vec
-from evs.drivers.environments.wrapping import wrap
+from evs.drivers.environments.wrapping import make_vec, wrap
 
 __all__ = ["EpisodeSpec", "EpochSampler", "EventEnv", "SimulatedDataset", "make_vec", "wrap"]

@@ -13,8 +13,7 @@ from evs.emulator.base.package_paths import in_package
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.config.keywords import named_keywords
 from evs.emulator.sensor.randomisation import SensorRanges
-from evs.emulator.simulation.initial_states import Start
-from evs.emulator.simulation.scene_ranges import SceneRanges
+from evs.emulator.simulation.scene_ranges import SceneRanges, Start
 from evs.emulator.simulation.stacked_arrays import StackedArrays
 from evs.emulator.world import ControlFunction, MjModel, Scene, Visual, load_model, resolve_visual
 from evs.msgs import EvsError, StreamInfo

@@ -11,7 +11,7 @@ import numpy as np
 from evs.drivers.environments.physics import find_physics
 from evs.emulator import EventCamera
 from evs.emulator.world import MjData, MjModel, StabilityWatch
-from evs.emulator.world.substeps import watching
+from evs.emulator.world.physics import watching
 from evs.msgs import Events, EvsError, empty_events, join_events
 
 

@@ -1,4 +1,4 @@
-"""wrap: one line that gives events from an environment of another library."""
+"""wrap: events from an environment of another library, in one line; make_vec: many of ours."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from evs.drivers.environments.physics import holds_environments, is_gymnasium
 from evs.emulator import EventCamera
 from evs.emulator.camera.camera import free_name
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
-from evs.emulator.world import MjModel, Visual
+from evs.emulator.world import MjModel, Scene, Visual
 from evs.msgs import EvsError
 
 EVERY = ("substep", "step")
@@ -74,7 +74,7 @@ def wrap(
     if every not in EVERY:
         raise EvsError(f"every is {every!r}; give {' or '.join(map(repr, EVERY))}")
     if holds_environments(env):
-        from evs.drivers.gym.event_vector_wrapper import EventVectorWrapper
+        from evs.drivers.gym.event_wrapper import EventVectorWrapper
 
         def one(inner: Any, number: int) -> Any:
             return wrap(
@@ -123,3 +123,30 @@ def wrap(
     from evs.drivers.gym.event_wrapper import EventWrapper
 
     return EventWrapper(env, episode)
+
+
+def make_vec(scene: Scene, num_envs: int = 1, **options: Any) -> Any:
+    """Make a Gymnasium vector environment of many worlds, which one process steps together.
+
+        envs = evs.make_vec("robot.xml", 64, cameras="wrist", observation="voxel_grid")
+        envs = evs.make_vec("evs/CartPole-v0", 64)     # a registered one, other options allowed
+
+    Args:
+        scene: A registered name (evs/CartPole-v0, ...), or a scene as of LoopEnv.
+        num_envs: How many environments.
+        **options: See `evs.drivers.gym.LoopVectorEnv`: cameras, observation, reward, ...
+
+    Returns:
+        A gymnasium.vector.VectorEnv.
+
+    Raises:
+        EvsError: Gymnasium is not installed (extra gym), or an option is not possible.
+    """
+    from evs.drivers.gym.library import gymnasium
+    from evs.drivers.gym.loop_vector_env import LoopVectorEnv
+    from evs.drivers.gym.registration import ENVIRONMENTS
+
+    if isinstance(scene, str) and scene in ENVIRONMENTS:
+        mode = "vector_entry_point"
+        return gymnasium.make_vec(scene, num_envs=num_envs, vectorization_mode=mode, **options)
+    return LoopVectorEnv(scene, num_envs=num_envs, **options)

@@ -18,8 +18,7 @@ from evs.emulator.config import CameraConfig, SensorConfig
 from evs.emulator.config.keywords import fields_as_keywords
 from evs.emulator.config.schema import DelayConfig
 from evs.emulator.sensor.randomisation import DrawnSensor
-from evs.emulator.simulation.initial_states import begin
-from evs.emulator.simulation.scene_ranges import DrawnScene
+from evs.emulator.simulation.scene_ranges import DrawnScene, begin
 from evs.emulator.simulation.worlds import WorldsEvents
 from evs.emulator.world import NamedSensors, Scene
 from evs.msgs import Events, EvsError, empty_events, join_events

@@ -17,8 +17,7 @@ from evs.emulator.config import CameraConfig
 from evs.emulator.config.keywords import fields_as_keywords
 from evs.emulator.config.settings import plain_integer
 from evs.emulator.sensor.randomisation import DrawnSensor
-from evs.emulator.simulation.initial_states import begin
-from evs.emulator.simulation.scene_ranges import DrawnScene
+from evs.emulator.simulation.scene_ranges import DrawnScene, begin
 from evs.emulator.world import MjData, Scene
 from evs.msgs import EvsError
 

@@ -18,7 +18,7 @@ from evs.drivers.run.run import MAX_SECONDS
 from evs.drivers.run.stop_signals import stop_signals
 from evs.emulator import View, World
 from evs.emulator.config import RunConfig
-from evs.emulator.state.versions import versions as emulator_versions
+from evs.emulator.world import versions as emulator_versions
 from evs.msgs import EvsError, unknown
 
 Frame = Mapping[str, npt.NDArray[Any]]

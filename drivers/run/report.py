@@ -15,6 +15,22 @@ from typing import Any
 from evs.drivers.clock import StageTime
 from evs.msgs import EvsError
 
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a run is, after a tick."""
+
+    tick: int
+    """ticks done"""
+    ticks: int
+    """ticks wanted"""
+    sim_seconds: float
+    events: int
+    """so far"""
+    wall_seconds: float
+    """so far"""
+
+
 STAGES = ("world", "render", "sensor", "pack", "sink")
 """The stages of a tick, in their order. `pack` is events into packets and packets into bytes."""
 

@@ -8,15 +8,14 @@ from typing import Any
 
 from evs.drivers.clock import Pacer, StopWatch, monotonic_s
 from evs.drivers.run.config import PipelineConfig
-from evs.drivers.run.progress import Progress
-from evs.drivers.run.report import Report
+from evs.drivers.run.report import Progress, Report
 from evs.drivers.run.run_loop import RunLoop
 from evs.drivers.run.sensor_control import SensorControl
 from evs.drivers.run.sink_set import SinkSet
 from evs.drivers.run.statistics import RunWorld
 from evs.drivers.run.stop_signals import stop_signals
 from evs.drivers.sink import Sink
-from evs.emulator.base.cores import cores
+from evs.emulator.base.memory_limits import cores
 from evs.msgs import EventPacket, EvsError
 
 MAX_SECONDS = 1e9

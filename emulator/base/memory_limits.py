@@ -1,4 +1,4 @@
-"""How much memory this process may have: the machine's, or less where there is a limit."""
+"""How much memory and how many cores this process may have: the machine's, or less by a limit."""
 
 from __future__ import annotations
 
@@ -96,3 +96,10 @@ def _group(folder: Path, is_v2: bool) -> Iterator[tuple[int, int]]:
         used = int((folder / use).read_text())
         stat = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
         yield most, used - int(stat.get(given_back, 0))
+
+
+def cores() -> int:
+    """Return how many cores this process may use; all of the machine's if that is unknown."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

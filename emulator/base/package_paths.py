@@ -1,8 +1,9 @@
-"""Paths inside an installed Python package, as in evs:config/scenes/cartpole.xml."""
+"""Paths inside an installed Python package, and the user's cache folder."""
 
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
 from pathlib import Path
 
@@ -34,3 +35,10 @@ def in_package(text: str) -> str:
     if not folders:
         raise EvsError(f"'{text}': no Python package '{found[1]}' here; pip install {found[1]}")
     return str(Path(folders[0]) / found[2])
+
+
+def cache_folder(name: str) -> Path:
+    """The folder evs/NAME in XDG_CACHE_HOME or ~/.cache; it may not exist yet."""
+    configured = os.environ.get("XDG_CACHE_HOME", "")
+    home = Path(configured) if Path(configured).is_absolute() else Path.home() / ".cache"
+    return home / "evs" / name

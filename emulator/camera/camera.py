@@ -14,10 +14,9 @@ from evs.emulator.base.protocols import Commit, DeviceRenderer, Meter, NoMeter, 
 from evs.emulator.base.scene import F32, I32, CameraPose, GroundTruth, SceneModel, SceneSnapshot
 from evs.emulator.base.stamps import later_events
 from evs.emulator.camera.auxiliary_sensors import AuxiliarySensors
-from evs.emulator.camera.cover import covered_by, may_be_covered
 from evs.emulator.camera.pixel_pipeline import DoneTick, LentPixels, PixelPipeline
 from evs.emulator.camera.scene_plan import ScenePlan, is_unlit, plan_scene
-from evs.emulator.camera.view import SceneView, Viewpoint
+from evs.emulator.camera.view import SceneView, Viewpoint, covered_by, may_be_covered
 from evs.emulator.config import PlanConfig, RunConfig, SensorConfig
 from evs.emulator.config.settings import plain_config, with_keys
 from evs.emulator.optics import camera_info
@@ -26,16 +25,13 @@ from evs.emulator.render import flicker_warnings
 from evs.emulator.render.native import LentRenderer, NativeRenderer
 from evs.emulator.sensor import SensorParameters, completed, preset_biases, resolve_sensor
 from evs.emulator.state import Saved, joined, number, numbers, part
-from evs.emulator.state.versions import versions
-from evs.emulator.world import MjModel, object_classes, warn_left_out
+from evs.emulator.world import MjModel, object_classes, versions, warn_left_out
 from evs.msgs import (
     EventPacket,
-    Events,
     EvsError,
     Frame,
     ImuPacket,
     ImuSamples,
-    Labels,
     Pose,
     StreamInfo,
     clear_causes,
@@ -81,6 +77,10 @@ class Camera(SceneView):
 
     _seen_from: Viewpoint
     """whose light the last instant was"""
+    info: StreamInfo
+    """what is constant of its stream"""
+    traced_fraction: float
+    """share of the pixels that the last tick traced, 0 ... 1"""
     _class_of_geom: I32 | None = None
     rebuilt: dict[str, int]
     """how often its scene was built again since it was made, as the model was edited, and of that
@@ -133,7 +133,7 @@ class Camera(SceneView):
         plain = {**asdict(config), "name": name}
         plain["sensor"] = completed(plain["sensor"], sensor)
         keys = [field.name for field in fields(RunConfig)] if whole else _OWN_KEYS
-        self._info = StreamInfo(
+        self.info = StreamInfo(
             width=self.width,
             height=self.height,
             camera=name,
@@ -188,7 +188,11 @@ class Camera(SceneView):
             if exchange is not None:
                 exchange()
             if seed is not None:
-                self._reseed(seed)
+                self.config = replace(self.config, seed=seed)
+                self._renderer.reseed(seed)
+                # a world of one pipeline has the run's whole configuration there, seed included
+                header = {**self.info.config, "seed": seed}
+                self.info = replace(self.info, seed=seed, config=header)
             self._forget()
 
         return commit
@@ -216,7 +220,7 @@ class Camera(SceneView):
             self._marks_causes = pixels.features.get("causes", False)
             self._take_sensor(config, made)
             latency_us = self._latency_us(pixels)
-            self._info = replace(self._info, sensor=str(made.name), latency_us=latency_us)
+            self.info = replace(self.info, sensor=str(made.name), latency_us=latency_us)
 
         return commit
 
@@ -230,7 +234,7 @@ class Camera(SceneView):
         """Have another sensor in the configuration and in the header."""
         self.config, self.sensor = config, made
         table = completed(asdict(config.sensor), made)
-        self._info = replace(self._info, config={**self._info.config, "sensor": table})
+        self.info = replace(self.info, config={**self.info.config, "sensor": table})
 
     def adjust(self, **keys: object) -> None:
         """Change parameters of the sensor while it runs, from the next tick on.
@@ -272,18 +276,11 @@ class Camera(SceneView):
         self._pixels.reset(seed)
         self._auxiliary.reset(seed)
         self._luminance: F32 | None = None
-        self._traced = 0.0
+        self.traced_fraction = 0.0
         self._t_us: int | None = None
         self.forget_instants()
         self._seq = self._seen = 0
         self.events = 0
-
-    def _reseed(self, seed: int) -> None:
-        self.config = replace(self.config, seed=seed)
-        self._renderer.reseed(seed)
-        # a world of one pipeline has the run's whole configuration there, seed included
-        config = {**self._info.config, "seed": seed}
-        self._info = replace(self._info, seed=seed, config=config)
 
     def save(self) -> Saved:
         """Named arrays of all that the next tick needs, which `prepare_restore` takes back."""
@@ -376,7 +373,7 @@ class Camera(SceneView):
         self._seq += ticks
         self._seen += ticks
         self.events += events
-        self._t_us, self._traced = now.t_us, float(lent.renderer.caster.traced_fraction)
+        self._t_us, self.traced_fraction = now.t_us, float(lent.renderer.caster.traced_fraction)
         self._luminance, self._seen_from = lent.renderer.luminance, lent.viewpoint
         self._now = now, now.cameras[self.place]
         self._previous = previous, previous.cameras[self.place]
@@ -384,7 +381,7 @@ class Camera(SceneView):
     @property
     def identity(self) -> dict[str, Any]:
         """What shapes its events, seed aside, in plain values: where a saved state belongs."""
-        plain = self._info.config
+        plain = self.info.config
         tables = {key: dict(plain[key]) for key in ("camera", "sensor", "render", "model")}
         # the same bytes
         for key in ("isa", "incremental", "device"):
@@ -413,7 +410,7 @@ class Camera(SceneView):
                     self.rebuilt[kind] += count
             self._stand(viewpoint)
             seen = camera_info(viewpoint.bound.model)
-            self._info = replace(self._info, camera_info=seen, classes=self._class_names())
+            self.info = replace(self.info, camera_info=seen, classes=self._class_names())
 
         return commit
 
@@ -430,6 +427,7 @@ class Camera(SceneView):
     def _stand(self, viewpoint: Viewpoint) -> None:
         self._viewpoint = viewpoint
         self._stays: F32 | None = None
+        """memory for its light that stays on the GPU; None: it does not"""
         self._renders_on_device = isinstance(viewpoint.renderer, DeviceRenderer)
         self._unlit = is_unlit(viewpoint.scene, self.config.render)
         lines = flicker_warnings(viewpoint.scene.lights, self.config.render, self._tick_us)
@@ -452,10 +450,13 @@ class Camera(SceneView):
         know the noise, else the first ticks are full of it.
         """
         ticks = self._pixels.warm_up_ticks if self.config.render.seeds == "fresh" else 0
-        if ticks:
-            self._warm_up(snapshot, ticks)
+        tick_us = self._tick_us
+        for t_us in range(snapshot.t_us - ticks * tick_us, snapshot.t_us, tick_us):
+            earlier = replace(snapshot, t_us=t_us)
+            luminance = self._renderer.render(earlier, snapshot.cameras[self.place])
+            self._pixels.see(luminance, t_us - tick_us, t_us)
         # the first tick has no events, so it may begin anywhere before its end
-        self._see(self.light(snapshot), snapshot.t_us - (self._info.tick_us if ticks else 1))
+        self._see(self.light(snapshot), snapshot.t_us - (tick_us if ticks else 1))
         self._pixels.finish()
         if not self._checked_cover:
             self._checked_cover = True
@@ -465,14 +466,6 @@ class Camera(SceneView):
                 lines = covered_by(self._world, self._viewpoint, truth, self.name)
                 warn_left_out(lines)
                 self.left_out += lines
-
-    def _warm_up(self, snapshot: SceneSnapshot, ticks: int) -> None:
-        tick_us = self._info.tick_us
-        for back in range(ticks, 0, -1):
-            t_us = snapshot.t_us - back * tick_us
-            earlier = replace(snapshot, t_us=t_us)
-            luminance = self._renderer.render(earlier, snapshot.cameras[self.place])
-            self._pixels.see(luminance, t_us - tick_us, t_us)
 
     def observe(self, snapshot: SceneSnapshot) -> tuple[EventPacket, ...]:
         """See a snapshot.
@@ -501,7 +494,10 @@ class Camera(SceneView):
                 call.
         """
         pose = snapshot.cameras[self.place]
-        into = self._own_buffer() if into is None else into
+        if into is None:
+            if self._stays is None and self._pixels.on_device and self._renders_on_device:
+                self._stays = self.light_buffer()
+            into = self._stays
         with self._tracing:
             viewpoint = self._viewpoint
             luminance = viewpoint.renderer.render(snapshot, pose, into)
@@ -515,12 +511,6 @@ class Camera(SceneView):
             light: F32 = self._renderer.device_light()
             return light
         return on_lines(np.zeros((self.height, self.width), np.float32))
-
-    def _own_buffer(self) -> F32 | None:
-        """Memory for its light that stays on the GPU; None: it does not."""
-        if self._stays is None and self._pixels.on_device and self._renders_on_device:
-            self._stays = self.light_buffer()
-        return self._stays
 
     def observe_light(self, frame: RenderedFrame) -> tuple[EventPacket, ...]:
         """The other half of `observe`: the events from the last light to this."""
@@ -549,7 +539,10 @@ class Camera(SceneView):
         labelled = self.config.model.labels and self._traces_truth
         if not labelled and self._marks_causes:
             clear_causes(tick.events)
-        events = later_events(tick.events, self._start_us)
+        events, labels = later_events(tick.events, self._start_us), None
+        if labelled:
+            truth, classes = self.ground_truth(), self._class_of_geom
+            labels = take_labels(events, truth.geom_id, classes, truth.depth, truth.flow)
         packet = EventPacket(
             seq=self._seq,
             time_base_us=tick.begin_us + self._start_us,
@@ -557,23 +550,19 @@ class Camera(SceneView):
             width=self.width,
             height=self.height,
             events=events,
-            camera=self._info.camera,
-            labels=self._labels_of(events) if labelled else None,
+            camera=self.info.camera,
+            labels=labels,
         )
         self._seq += 1
         self.events += len(tick.events)
         return packet
-
-    def _labels_of(self, events: Events) -> Labels:
-        truth = self.ground_truth()
-        return take_labels(events, truth.geom_id, self._class_of_geom, truth.depth, truth.flow)
 
     def _see(self, frame: RenderedFrame, begin_us: int) -> list[DoneTick]:
         snapshot, pose = frame.snapshot, frame.pose
         self._previous = self._now if frame.viewpoint.follows(self._seen_from) else None
         self._now, self._seen_from = (snapshot, pose), frame.viewpoint
         self._seen += 1
-        self._luminance, self._traced = frame.luminance, frame.traced_fraction
+        self._luminance, self.traced_fraction = frame.luminance, frame.traced_fraction
         ticks = self._pixels.see(frame.luminance, begin_us, snapshot.t_us)
         self._auxiliary.step(frame.luminance, pose, self._world, begin_us, snapshot.t_us)
         if self._traces_truth and not self.config.model.labels:
@@ -600,7 +589,7 @@ class Camera(SceneView):
             return None
         snapshot, pose = self._now
         t_us = snapshot.t_us + self._start_us
-        return pose_message(pose, self._seen - 1, t_us, self._info.camera)
+        return pose_message(pose, self._seen - 1, t_us, self.info.camera)
 
     def ground_truth(self) -> GroundTruth:
         """Depth, normals, ids, ... at the end of the last tick, and the flow during it.
@@ -630,19 +619,9 @@ class Camera(SceneView):
         self._seen_from = self._viewpoint
 
     @property
-    def info(self) -> StreamInfo:
-        """What is constant of its stream."""
-        return self._info
-
-    @property
-    def chunk(self) -> int:
-        """Ticks whose packets leave together."""
-        return self.config.model.chunk
-
-    @property
     def name(self) -> str:
         """Its name on the bus and in recordings."""
-        return self._info.camera
+        return self.info.camera
 
     @property
     def luminance(self) -> F32:
@@ -670,11 +649,6 @@ class Camera(SceneView):
     def events_waiting(self) -> int:
         """Events that are still on their way through the readout."""
         return self._pixels.events_waiting
-
-    @property
-    def traced_fraction(self) -> float:
-        """Share of the pixels that the last tick traced, 0 ... 1."""
-        return self._traced
 
     @property
     def features(self) -> dict[str, bool]:

@@ -17,8 +17,7 @@ from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneCo
 from evs.emulator.config.schema import DelayConfig
 from evs.emulator.config.settings import plain_integer, plain_number
 from evs.emulator.simulation.channels import Channels, check_delays
-from evs.emulator.simulation.resets import over_at_once, prepare_restore_worlds, reset_worlds
-from evs.emulator.simulation.world import World
+from evs.emulator.simulation.world import World, over_at_once, prepare_restore_worlds, reset_worlds
 from evs.emulator.state import (
     Resumable,
     Saved,
@@ -152,11 +151,11 @@ class ClosedLoop(Resumable):
         return f"<evs.ClosedLoop around {self.world!r}{f'; {self._done}' if self._done else ''}>"
 
     def _new_channels(self, seed: int) -> Channels:
-        for camera in self.world.cameras:
-            if camera.chunk > 1:
+        for chunk in (camera.config.model.chunk for camera in self.world.cameras):
+            if chunk > 1:
                 raise EvsError(
-                    f"model.chunk is {camera.chunk}, but a decision needs the events of the tick "
-                    "before it: leave it 1"
+                    f"model.chunk is {chunk}, but a decision needs the events of the tick before "
+                    "it: leave it 1"
                 )
         names = [camera.name for camera in self.world.cameras]
         return Channels(self._delays, names, self.nu, seed)

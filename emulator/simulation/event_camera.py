@@ -23,7 +23,6 @@ from evs.emulator.config import (
 from evs.emulator.config.settings import plain_integer
 from evs.emulator.simulation.snapshot_history import SnapshotHistory
 from evs.emulator.state import Resumable, Saved, joined, part, whole, words
-from evs.emulator.state.versions import versions
 from evs.emulator.world import (
     LiveScene,
     MjData,
@@ -34,6 +33,7 @@ from evs.emulator.world import (
     UnstableError,
     Visual,
     resolve_visual,
+    versions,
 )
 from evs.msgs import (
     EventPacket,
@@ -124,7 +124,8 @@ class EventCamera(Resumable):
         self._t_us: int | None = None
         self._taker = SnapshotTaker(model, [self._camera.bound], self._visual)
         self._history = SnapshotHistory(self._taker)
-        self._packet: EventPacket | None = None
+        self.packet: EventPacket | None = None
+        """the last observe's events as a packet; None before the second"""
         self._stability = StabilityWatch()
 
     def _see_edits(self) -> None:
@@ -152,7 +153,7 @@ class EventCamera(Resumable):
         else:
             light = self.luminance
             facts["seen"] = f"{self._t_us:,} us"
-        events = empty_events() if self._packet is None else self._packet.events
+        events = empty_events() if self.packet is None else self.packet.events
         grey = to_srgb8(light, exposure_for(light))
         picture = event_frame(events, info.width, info.height, grey)
         return html_card(f"EventCamera {info.camera}", facts | event_facts(events), picture)
@@ -198,9 +199,9 @@ class EventCamera(Resumable):
             self._camera.start(snapshot)
             self._history.keep(snapshot)
             return empty_events()
-        (self._packet,) = self._camera.observe(snapshot)
+        (self.packet,) = self._camera.observe(snapshot)
         self._history.keep(snapshot)
-        return self._packet.events
+        return self.packet.events
 
     def reset(self, seed: int | None = None, sensor: str | SensorConfig | None = None) -> None:
         """As new: call it after the data was reset. The next observe sets the reference again.
@@ -219,7 +220,7 @@ class EventCamera(Resumable):
         self._camera.reset(None if seed is None else plain_integer(seed, "seed"), sensor)
         self._scene.compare_large_arrays()
         self._history.reset()
-        self._packet, self._t_us = None, None
+        self.packet, self._t_us = None, None
         self._stability.forget()
 
     def adjust(self, **keys: object) -> None:
@@ -252,7 +253,7 @@ class EventCamera(Resumable):
 
         def commit() -> None:
             commit_camera()
-            self._history, self._packet = moments, None
+            self._history, self.packet = moments, None
             self._t_us = t_us[0] if t_us else None
             self._stability.forget()
 
@@ -293,11 +294,6 @@ class EventCamera(Resumable):
         self._history.reset()
 
     @property
-    def packet(self) -> EventPacket | None:
-        """The last observe's events as a packet; None before the second."""
-        return self._packet
-
-    @property
     def frames(self) -> tuple[Frame, ...]:
         """Intensity frames whose read-out ended in the last observe; needs sensor.aps.enabled."""
         return self._camera.frames
@@ -310,7 +306,7 @@ class EventCamera(Resumable):
     @property
     def labels(self) -> Labels | None:
         """(n,) why each of the last observe's events came about; None: model.labels is off."""
-        return None if self._packet is None else self._packet.labels
+        return None if self.packet is None else self.packet.labels
 
     @property
     def events_dropped(self) -> dict[str, int]:

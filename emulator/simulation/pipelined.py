@@ -16,7 +16,6 @@ from typing import Protocol
 from evs.emulator.base.scene import F32, SceneSnapshot
 from evs.emulator.camera.camera import Camera, RenderedFrame
 from evs.emulator.simulation.world import World
-from evs.emulator.world import MjData
 from evs.msgs import EventPacket, EvsError
 
 MOST_BYTES = 256 * 2**20
@@ -69,9 +68,15 @@ class PipelinedWorld:
         """
         self._world, self._meter = world, meter
         self._ticks, self._done = ticks, 0
-        self._t_us = world.t_us
+        self.t_us = world.t_us
+        """simulated time at the end of the last step, us"""
+        self.cameras = world.cameras
+        """as they were at the end of the last step"""
+        self.data = world.data
+        """the live mujoco.MjData, which is some ticks ahead"""
+        self.chosen, self.substeps = world.chosen, world.substeps
         # what waits, what is being made and what was last handed out are never in one array
-        depth += max(camera.chunk for camera in world.cameras) - 1
+        depth += max(camera.config.model.chunk for camera in world.cameras) - 1
         tick_bytes = sum(light.nbytes for light in _buffers(world.cameras))
         depth = max(1, min(depth, MOST_BYTES // tick_bytes))
         self._used = _buffers(world.cameras)
@@ -109,9 +114,9 @@ class PipelinedWorld:
         if tick.error is not None:
             self._broken = tick.error
             raise tick.error
-        self._t_us = tick.t_us
+        self.t_us = tick.t_us
         self._done += 1
-        pairs = zip(self._world.cameras, tick.frames, strict=True)
+        pairs = zip(self.cameras, tick.frames, strict=True)
         packets = (camera.observe_light(frame) for camera, frame in pairs)
         return tuple([packet for each in packets for packet in each])
 
@@ -156,39 +161,14 @@ class PipelinedWorld:
             self._made.put((_Tick(error=failure), []))
 
     def _light(self, snapshot: SceneSnapshot, buffers: Buffers) -> _Tick:
-        pairs = zip(self._world.cameras, buffers, strict=True)
+        pairs = zip(self.cameras, buffers, strict=True)
         frames = tuple([camera.light(snapshot, into) for camera, into in pairs])
         return _Tick(self._world.start_us + snapshot.t_us, frames)
-
-    @property
-    def cameras(self) -> tuple[Camera, ...]:
-        """All cameras of the world, as they were at the end of the last step."""
-        return self._world.cameras
-
-    @property
-    def data(self) -> MjData:
-        """The live mujoco.MjData, which is some ticks ahead."""
-        return self._world.data
-
-    @property
-    def t_us(self) -> int:
-        """Simulated time at the end of the last step, us."""
-        return self._t_us
 
     @property
     def left_out(self) -> tuple[str, ...]:
         """See `World`."""
         return self._world.left_out
-
-    @property
-    def chosen(self) -> tuple[str, ...]:
-        """See `World`."""
-        return self._world.chosen
-
-    @property
-    def substeps(self) -> object:
-        """See `World`."""
-        return self._world.substeps
 
 
 @contextmanager

@@ -56,7 +56,10 @@ class Pixels(Resumable):
     _t_us: int | None
     """of the last frame"""
     _geom_ids: np.ndarray[Any, Any] | None
-    _packet: EventPacket | None
+    packet: EventPacket | None
+    """the last events as a packet; None before the second frame"""
+    info: StreamInfo
+    """what is constant of its stream; recorders and publishers are opened with it"""
 
     def __init__(
         self,
@@ -131,7 +134,7 @@ class Pixels(Resumable):
         self._frame_light = FrameLight(self._shape, unit, resolved)
         self._stages = PixelPipeline(resolved, self._model, self._seed, threads)
         self._auxiliary = AuxiliarySensors(resolved, name, UNFORCED, 0)
-        self._info = StreamInfo(
+        self.info = StreamInfo(
             width=self._shape[1],
             height=self._shape[0],
             camera=name,
@@ -154,7 +157,7 @@ class Pixels(Resumable):
         self.reset()
 
     def __repr__(self) -> str:
-        info = self._info
+        info = self.info
         seen = "nothing seen yet" if self._t_us is None else f"t {self._t_us * 1e-6:g} s"
         return f"<evs.Pixels '{info.camera}': {info.sensor} {info.width} x {info.height}, {seen}>"
 
@@ -203,7 +206,7 @@ class Pixels(Resumable):
         done = self._stages.drain(self._t_us)
         self._auxiliary.clear()
         if done is None:
-            self._packet = None
+            self.packet = None
             return empty_events()
         self._t_us = done.end_us
         return self._deliver(done)
@@ -216,14 +219,14 @@ class Pixels(Resumable):
             labels = take_labels(done.events, np.full(self._shape, -1) if ids is None else ids)
         elif self._stages.features.get("causes", False):
             clear_causes(done.events)
-        self._packet = EventPacket(
+        self.packet = EventPacket(
             seq=self._seq,
             time_base_us=done.begin_us,
             time_end_us=done.end_us,
             width=self._shape[1],
             height=self._shape[0],
             events=done.events,
-            camera=self._info.camera,
+            camera=self.info.camera,
             labels=labels,
         )
         self._seq += 1
@@ -262,7 +265,7 @@ class Pixels(Resumable):
         self._auxiliary.reset(self._seed)
         self._t_us = None
         self._geom_ids = None
-        self._packet = None
+        self.packet = None
         self._finished = False
         self._seq = 0
 
@@ -278,8 +281,8 @@ class Pixels(Resumable):
 
         def commit() -> None:
             self._seed = seed
-            config = {**self._info.config, "seed": seed}
-            self._info = replace(self._info, seed=seed, config=config)
+            config = {**self.info.config, "seed": seed}
+            self.info = replace(self.info, seed=seed, config=config)
             self.reset()
             commit_stages()
             commit_auxiliary()
@@ -300,7 +303,7 @@ class Pixels(Resumable):
     @property
     def identity(self) -> dict[str, Any]:
         """Where a saved state belongs, in plain values."""
-        config = self._info.config
+        config = self.info.config
         return {
             "kind": "pixels",
             "versions": {"evs": __version__, **self._stages.versions},
@@ -308,14 +311,9 @@ class Pixels(Resumable):
         }
 
     @property
-    def packet(self) -> EventPacket | None:
-        """The last events as a packet; None before the second frame."""
-        return self._packet
-
-    @property
     def labels(self) -> Labels | None:
         """(n,) why each of the last events came about; None: model.labels is off."""
-        return None if self._packet is None else self._packet.labels
+        return None if self.packet is None else self.packet.labels
 
     @property
     def frames(self) -> tuple[Frame, ...]:
@@ -349,11 +347,6 @@ class Pixels(Resumable):
     def features(self) -> dict[str, bool]:
         """Which code paths it runs, by name, as `evs plan` lists them."""
         return {**self._stages.features, **self._auxiliary.features}
-
-    @property
-    def info(self) -> StreamInfo:
-        """What is constant of its stream; recorders and publishers are opened with it."""
-        return self._info
 
 
 def _sides(size: Any) -> dict[str, int]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import ref
 
 import numpy as np
@@ -29,7 +29,6 @@ from evs.emulator.config import (
     VisualConfig,
 )
 from evs.emulator.config.settings import plain_config, plain_integer
-from evs.emulator.simulation.resets import PreparedReset, reset_worlds, restore_worlds
 from evs.emulator.simulation.snapshot_history import SnapshotHistory
 from evs.emulator.state import (
     Resumable,
@@ -37,10 +36,10 @@ from evs.emulator.state import (
     described,
     joined,
     part,
+    unpack_here,
     whole,
     words,
 )
-from evs.emulator.state.versions import versions
 from evs.emulator.world import (
     BoundCamera,
     ControlFunction,
@@ -59,6 +58,7 @@ from evs.emulator.world import (
     name_of_keyframe,
     resolve_visual,
     starting_keyframe,
+    versions,
 )
 from evs.emulator.world.controls import ControlSource
 from evs.msgs import EventPacket, EvsError
@@ -120,12 +120,16 @@ class World(Resumable):
             model, source = load_model(scene), control
         shown = resolve_visual(settings.visual if visual is None else visual)
         self._scene_config = settings = replace(settings, visual=shown)
-        self._start_us = check_start(settings.start_us)
+        self.start_us = check_start(settings.start_us)
+        """what its stamps begin at, us"""
         self._seed = plain_integer(seed, "seed")
         self._threads, self._meter = threads, meter or NoMeter()
-        self._control = ControlSource(model, settings, source)
-        self._given: F64 | None = None
-        self._physics = Physics(model, settings.tick_us, self._control.keyframe)
+        self.control = ControlSource(model, settings, source)
+        """what gives the controls where `step` was given none"""
+        self.given: F64 | None = None
+        """(nu,) the controls that hold instead of the control source; None: it acts"""
+        self.physics = Physics(model, settings.tick_us, self.control.keyframe)
+        """its state, and how it is stepped"""
         self._scene = LiveScene(model, shown)
         self._taker = SnapshotTaker(model, visual=shown)
         self._history = SnapshotHistory(self._taker)
@@ -162,15 +166,15 @@ class World(Resumable):
         `scene` goes on with a copy of the model.
         """
         other = World.__new__(World)
-        other._scene_config, other._start_us = self._scene_config, self._start_us
+        other._scene_config, other.start_us = self._scene_config, self.start_us
         other._seed, other._threads, other._meter = self._seed, self._threads, NoMeter()
-        other._control = self._control.copy()
-        other._given = None
-        other._physics = Physics(self.model, self.substeps.tick_us, self._control.keyframe)
-        other._physics.substeps = self.substeps
+        other.control = self.control.copy()
+        other.given = None
+        other.physics = Physics(self.model, self.substeps.tick_us, self.control.keyframe)
+        other.physics.substeps = self.substeps
         other._scene, other._digest = self._scene, self._digest
         other._values = self._values
-        other.start_physics(self._control.keyframe)
+        other.start_physics(self.control.keyframe)
         other._taker = SnapshotTaker(self.model, visual=self.visual)
         other._history = SnapshotHistory(other._taker)
         other._cameras, other._view_refs, other._bounds = [], [], []
@@ -185,7 +189,7 @@ class World(Resumable):
         self._see_edits()
         self._twins[:] = [one for one in self._twins if one() is not self]
         self._twins = [ref(self)]
-        model = self._physics.part()
+        model = self.physics.part()
         self._scene, self._values = self._scene.copy_for(model), self._values.copy_for(model)
         self._digest, self._taker = (
             ModelDigest(model),
@@ -310,7 +314,7 @@ class World(Resumable):
 
     def _snapshot(self) -> SceneSnapshot:
         self._see_edits()
-        return self._history.snapshot(self.data, self._physics.t_us, self.substeps.tick_us)
+        return self._history.snapshot(self.data, self.physics.t_us, self.substeps.tick_us)
 
     def _see_edits(self, close: bool = True) -> None:
         """Show the model as it is now, where somebody has edited it. Raises EvsError.
@@ -396,7 +400,7 @@ class World(Resumable):
             return
         self._see_edits(close=False)
         seers: list[Camera | View] = [*self._cameras, *self._views]
-        with unchanged_on_error(self, self._physics, self._history, self._taker, *seers):
+        with unchanged_on_error(self, self.physics, self._history, self._taker, *seers):
             self._part()
             with self._scene.unchanged_on_error(), self._values.putting(values):
                 self._see_edits()
@@ -405,16 +409,16 @@ class World(Resumable):
     def arrays(self) -> Saved:
         """What `save` packs, by name."""
         cameras = {f"cameras.{place}": one.save() for place, one in enumerate(self._cameras)}
-        given = [] if self._given is None else [self._given]
+        given = [] if self.given is None else [self.given]
         return {
-            **joined(physics=self._physics.save(), moments=self._history.save(), **cameras),
-            **words(seed=str(self._seed), control_seed=str(self._control.seed)),
+            **joined(physics=self.physics.save(), moments=self._history.save(), **cameras),
+            **words(seed=str(self._seed), control_seed=str(self.control.seed)),
             "given": np.array(given, np.float64).reshape(len(given), self.model.nu),
         }
 
     def prepare_restore(self, saved: Saved) -> Commit:
         """Check a saved state; the commit puts it in place. Raises EvsError."""
-        physics = self._physics.prepare_restore(part(saved, "physics"))
+        physics = self.physics.prepare_restore(part(saved, "physics"))
         seed, control_seed = whole(saved, "seed"), whole(saved, "control_seed")
         given = saved["given"]
         if len(given) > 1 or given.shape[1] != self.model.nu or not np.isfinite(given).all():
@@ -430,8 +434,8 @@ class World(Resumable):
 
         def commit() -> None:
             self._seed = seed
-            self._control.reseed(control_seed)
-            self._given = given[0] if len(given) else None
+            self.control.reseed(control_seed)
+            self.given = given[0] if len(given) else None
             self._history = moments
             for restore in (physics, *cameras):
                 restore()
@@ -459,15 +463,6 @@ class World(Resumable):
             **({} if self.visual == VisualConfig() else {"visual": settings["visual"]}),
         }
 
-    def give(self, ctrl: F64) -> None:
-        """Take controls (nu,), finite, for the next tick and the following ones."""
-        self._given = ctrl
-
-    @property
-    def given(self) -> F64 | None:
-        """(nu,) the controls that hold instead of the control source; None: it acts."""
-        return self._given
-
     def go_on(self, places: F64, before: F64) -> tuple[SceneSnapshot, SceneSnapshot]:
         """Remember the last two instants, after ticks that were taken elsewhere.
 
@@ -480,7 +475,7 @@ class World(Resumable):
         """
         tick_us = self.substeps.tick_us
         taken = []
-        for where, t_us in ((before, self._physics.t_us - tick_us), (places, self._physics.t_us)):
+        for where, t_us in ((before, self.physics.t_us - tick_us), (places, self.physics.t_us)):
             taken.append(self._taker.again(where, t_us, tick_us))
             self._history.keep(taken[-1])
         return taken[1], taken[0]
@@ -501,16 +496,16 @@ class World(Resumable):
             EvsError: The controls have another shape, or are not finite.
         """
         if ctrl is not None:
-            self._given = check_control(ctrl, self.model.nu, "step(ctrl)")
+            self.given = check_control(ctrl, self.model.nu, "step(ctrl)")
         snapshot = self.advance()
         return tuple([packet for camera in self._cameras for packet in camera.observe(snapshot)])
 
     def advance(self) -> SceneSnapshot:
         """The physics of one tick, which no camera has seen yet: the first half of `step`."""
         self.start_cameras()
-        physics, values = self._physics, self._given
+        physics, values = self.physics, self.given
         if values is None:
-            values = self._control(physics.t_us, physics.data)
+            values = self.control(physics.t_us, physics.data)
         if values is not None:
             physics.data.ctrl[:] = values
         physics.advance()
@@ -560,7 +555,7 @@ class World(Resumable):
 
         Arguments and errors are those of `reset`; values may still make no model.
         """
-        start = self._control.keyframe
+        start = self.control.keyframe
         if keyframe != "":
             start = starting_keyframe(self.model, str(keyframe))
         if seed is not None:
@@ -574,9 +569,9 @@ class World(Resumable):
         def commit() -> None:
             if seed is not None:
                 # a control seed of its own keeps its distance
-                self._control.reseed(self._control.seed + seed - self._seed)
+                self.control.reseed(self.control.seed + seed - self._seed)
                 self._seed = seed
-            self._given = None
+            self.given = None
             self._scene.compare_large_arrays()
             self._history.reset()
             for reset in cameras:
@@ -592,7 +587,7 @@ class World(Resumable):
         Args:
             keyframe: Id of the keyframe to start from; -1: qpos0.
         """
-        self._physics.reset(keyframe, self._values.start)
+        self.physics.reset(keyframe, self._values.start)
 
     def finish(self) -> tuple[EventPacket, ...]:
         """The packets of ticks that wait for the rest of their chunk (model.chunk), without it."""
@@ -643,29 +638,19 @@ class World(Resumable):
         return dict(self._values.values)
 
     @property
-    def physics(self) -> Physics:
-        """Its state, and how it is stepped."""
-        return self._physics
-
-    @property
-    def control(self) -> ControlSource:
-        """What gives the controls where `step` was given none."""
-        return self._control
-
-    @property
     def model(self) -> MjModel:
         """The mujoco.MjModel, our own copy, which may be edited."""
-        return self._physics.model
+        return self.physics.model
 
     @property
     def state(self) -> F64:
         """(n,) all physics that the next tick follows from, as mjSTATE_INTEGRATION; a copy."""
-        return self._physics.state
+        return self.physics.state
 
     @property
     def data(self) -> MjData:
         """The live mujoco.MjData."""
-        return self._physics.data
+        return self.physics.data
 
     @property
     def seed(self) -> int:
@@ -675,34 +660,29 @@ class World(Resumable):
     @property
     def t_us(self) -> int:
         """Simulated time, us, as the stamps have it: scene.start_us at the beginning."""
-        return self._start_us + self._physics.t_us
-
-    @property
-    def start_us(self) -> int:
-        """What its stamps begin at, us."""
-        return self._start_us
+        return self.start_us + self.physics.t_us
 
     @property
     def tick(self) -> int:
         """Ticks done."""
-        return self._physics.tick
+        return self.physics.tick
 
     @property
     def substeps(self) -> Substeps:
         """How the model's time step was fitted to the tick; str() describes it."""
-        return self._physics.substeps
+        return self.physics.substeps
 
     @property
     def keyframe(self) -> str:
         """The keyframe that it starts from, by name or number; "": the model's own qpos0."""
-        return name_of_keyframe(self.model, self._control.keyframe)
+        return name_of_keyframe(self.model, self.control.keyframe)
 
     @property
     def chosen(self) -> tuple[str, ...]:
         """One line for each thing that was decided in the user's place, with the key for it."""
         lines = []
         if self.keyframe and not self._scene_config.keyframe:
-            held = " and holds its control" if self._control.holds else ""
+            held = " and holds its control" if self.control.holds else ""
             lines.append(
                 f"starts from keyframe '{self.keyframe}'{held}; scene.keyframe=none: from the "
                 "model's qpos0"
@@ -721,3 +701,98 @@ class World(Resumable):
     def cameras(self) -> tuple[Camera, ...]:
         """All cameras, in the order of the packets."""
         return tuple(self._cameras)
+
+
+class PreparedReset(NamedTuple):
+    """A reset of a world that can be done."""
+
+    keyframe: int
+    """id of the keyframe to start from; -1: qpos0"""
+    values: dict[str, float] | None
+    """of the scene; None: those that hold"""
+    commit: Commit
+    """forgets all that the world has seen, with another seed and sensor if so wanted"""
+
+
+def over_at_once(reason: str) -> EvsError:
+    """The error of a start outside the limits."""
+    return EvsError(
+        f"the episode is over where it begins ({reason}): narrow start, or widen limits"
+    )
+
+
+@contextmanager
+def reset_worlds(
+    worlds: Sequence[World],
+    resets: Sequence[PreparedReset],
+    starts: Sequence[Callable[[MjData], None] | None] | None = None,
+) -> Iterator[None]:
+    """Reset worlds, all or none of them: if the block raises, nothing has changed.
+
+    In the block, each has its values, and its physics is where the episode begins. Cameras are
+    reset at the end.
+
+    Args:
+        worlds: The worlds.
+        resets: What World.prepare_reset gave for each.
+        starts: For each, what puts its data into another state; None: nothing.
+
+    Raises:
+        EvsError: Values make no model, or a start raises it.
+    """
+    starts = [None] * len(worlds) if starts is None else starts
+    with ExitStack() as undo:
+        for world in worlds:
+            undo.enter_context(world.physics.unchanged_on_error())
+        for world, reset in zip(worlds, resets, strict=True):
+            undo.enter_context(world.with_values(reset.values))
+        for world, reset, start in zip(worlds, resets, starts, strict=True):
+            world.start_physics(reset.keyframe)
+            if start is not None:
+                start(world.data)
+        yield
+    for reset in resets:
+        reset.commit()
+
+
+def restore_worlds(worlds: Sequence[World], blobs: Sequence[bytes]) -> None:
+    """Restore worlds, all or none of them.
+
+    Args:
+        worlds: The worlds.
+        blobs: What World.save gave, for each.
+
+    Raises:
+        EvsError: See `World.restore`. Nothing has changed.
+    """
+    with ExitStack() as undo:
+        for world, blob in zip(worlds, blobs, strict=True):
+            undo.enter_context(world.values_of(blob))
+        saved = [
+            unpack_here(blob, world.identity, world.arrays())
+            for world, blob in zip(worlds, blobs, strict=True)
+        ]
+        prepare_restore_worlds(worlds, saved)()
+
+
+def prepare_restore_worlds(worlds: Sequence[World], saved: Sequence[Saved]) -> Commit:
+    """Check saved states; the commit puts all of them in place.
+
+    Args:
+        worlds: The worlds, within `values_of` of their states.
+        saved: One state for each world; see `World.prepare_restore`.
+
+    Raises:
+        EvsError: One is damaged; nothing has changed.
+    """
+    commits = [world.prepare_restore(one) for world, one in zip(worlds, saved, strict=True)]
+    seen = [world.see_closely() for world in worlds]
+    if any(seen):
+        # the cameras have other renderers
+        commits = [world.prepare_restore(one) for world, one in zip(worlds, saved, strict=True)]
+
+    def commit() -> None:
+        for one in commits:
+            one()
+
+    return commit

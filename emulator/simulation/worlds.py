@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.base.cores import cores
+from evs.emulator.base.memory_limits import cores
 from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.base.scene import F64
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.config.settings import plain_integer
 from evs.emulator.render.registry import RENDERERS
-from evs.emulator.simulation.resets import over_at_once, reset_worlds, restore_worlds
-from evs.emulator.simulation.world import World
+from evs.emulator.simulation.world import World, over_at_once, reset_worlds, restore_worlds
 from evs.emulator.simulation.world_batch import WorldBatch, stacked, why_one_by_one
 from evs.emulator.world import (
     ControlFunction,
@@ -259,7 +258,7 @@ class Worlds:
                 f"step(ctrl) got a control that is not finite, for world {int(np.argmin(sound))}"
             )
         for world, row in zip(self._worlds, values, strict=True):
-            world.give(row)
+            world.given = row
         if self._batch is not None:
             self._batch.controls_changed()
 

@@ -1,11 +1,11 @@
 """Saved states: named arrays in bytes, checked; and whether they belong to this world."""
 
 from evs.emulator.state.blob import MAX_BYTES, described, pack, unpack
-from evs.emulator.state.identity import check_identity
-from evs.emulator.state.resumable import Resumable
-from evs.emulator.state.tree import (
+from evs.emulator.state.resumable import (
     MOST,
+    Resumable,
     Saved,
+    check_identity,
     check_like,
     joined,
     number,

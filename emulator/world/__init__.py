@@ -29,11 +29,11 @@ from evs.emulator.world.encoders import (
     add_joint_sensors,
 )
 from evs.emulator.world.extraction import extract_scene
-from evs.emulator.world.left_out import LeftOutWarning, warn_left_out
 from evs.emulator.world.live_scene import LiveScene
 from evs.emulator.world.mobility import Mobility, mobility_of
 from evs.emulator.world.model import (
     MUJOCO_VERSION,
+    LeftOutWarning,
     ModelDigest,
     Scene,
     bytes_of,
@@ -42,6 +42,8 @@ from evs.emulator.world.model import (
     load_model,
     load_spec,
     load_text,
+    versions,
+    warn_left_out,
 )
 from evs.emulator.world.object_classes import ObjectClasses, object_classes
 from evs.emulator.world.physics import (
@@ -121,6 +123,7 @@ __all__ = [
     "object_classes",
     "resolve_visual",
     "starting_keyframe",
+    "versions",
     "visible_geoms",
     "warn_left_out",
     "why_not_batched",

@@ -12,7 +12,6 @@ import numpy.typing as npt
 from evs.emulator.base.scene import I32, Mesh, ObjectKind, SceneModel, Shape
 from evs.emulator.config import VisualConfig
 from evs.emulator.world.deformables import Deformables
-from evs.emulator.world.left_out import warn_left_out
 from evs.emulator.world.lights import active_lights, extract_atmosphere, extract_light, unlit_images
 from evs.emulator.world.materials import Rgba, Surfaces, geom_rgba, site_rgba
 from evs.emulator.world.meshes import (
@@ -21,7 +20,7 @@ from evs.emulator.world.meshes import (
     height_field_arrays,
     mesh_arrays,
 )
-from evs.emulator.world.model import check_model, names_of
+from evs.emulator.world.model import check_model, names_of, warn_left_out
 from evs.emulator.world.model_edits import DEFORMING, PartCache, arrays_of
 from evs.emulator.world.tendons import Strands
 from evs.emulator.world.visual import (

@@ -8,7 +8,9 @@ from __future__ import annotations
 import copy
 import hashlib
 import logging
-from collections.abc import Callable, Iterator, Mapping
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
@@ -381,3 +383,25 @@ class ModelDigest:
         if self._last is None or self._last[0] != quick:
             self._last = quick, hashlib.sha256(image.data).hexdigest()[:16]
         return self._last[1]
+
+
+class LeftOutWarning(UserWarning):
+    """The model has something that is not shown; the message has what, and the fix."""
+
+
+def warn_left_out(lines: Sequence[str]) -> None:
+    """One LeftOutWarning a line, at the place outside the emulator that made the scene."""
+    if not lines:
+        return
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back and str(frame.f_globals.get("__name__")).startswith("evs.emulator."):
+        level, frame = level + 1, frame.f_back
+    for line in lines:
+        warnings.warn(line, LeftOutWarning, stacklevel=level)
+
+
+def versions() -> dict[str, str]:
+    """Versions of everything that shapes the events."""
+    from evs import __version__
+
+    return {"evs": __version__, "mujoco": MUJOCO_VERSION, "numpy": np.__version__}

@@ -18,6 +18,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import numpy.typing as npt
+from mujoco import MjData, MjModel
 
 from evs.emulator.base.protocols import Commit
 from evs.emulator.base.scene import F64
@@ -479,3 +480,45 @@ def gravity_of(model: mujoco.MjModel) -> F64:
     if model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY):
         return np.zeros(3)
     return np.array(model.opt.gravity, np.float64)
+
+
+# Libraries step MuJoCo by mujoco.mj_step and mj_step2, often several times in one call. From the
+# first use of `watching` these names are functions that call MuJoCo's and then whoever watches the
+# data; other data pass through.
+_watchers: dict[int, list[Callable[[], None]]] = {}
+"""id of a MjData -> called after each of its steps, in this order"""
+
+_step, _step2 = mujoco.mj_step, mujoco.mj_step2
+
+
+def mj_step(m: MjModel, d: MjData, nstep: int = 1) -> None:
+    """MuJoCo's mj_step, which tells who watches the data."""
+    watchers = _watchers.get(id(d))
+    if watchers is None:
+        _step(m, d, nstep)
+        return
+    for _ in range(nstep):
+        _step(m, d)
+        for watcher in watchers:
+            watcher()
+
+
+def mj_step2(m: MjModel, d: MjData) -> None:
+    """MuJoCo's mj_step2, which tells who watches the data."""
+    _step2(m, d)
+    for watcher in _watchers.get(id(d), ()):
+        watcher()
+
+
+@contextmanager
+def watching(data: MjData, watcher: Callable[[], None]) -> Iterator[None]:
+    """Call `watcher` after each physics step of the data, while this is open. It may be nested."""
+    mujoco.mj_step, mujoco.mj_step2 = mj_step, mj_step2
+    watchers = _watchers.setdefault(id(data), [])
+    watchers.append(watcher)
+    try:
+        yield
+    finally:
+        watchers.remove(watcher)
+        if not watchers:
+            del _watchers[id(data)]

@@ -6,8 +6,13 @@ they follow from is copied into a private mjData, and the kinematics are done ag
 
 from __future__ import annotations
 
+import atexit
 import copy
+import threading
 from collections.abc import Iterable
+from contextlib import suppress
+from functools import cache
+from weakref import WeakSet
 
 import mujoco
 import numpy as np
@@ -17,7 +22,6 @@ from evs.emulator.base.scene import F64, I32, SceneSnapshot
 from evs.emulator.config import VisualConfig
 from evs.emulator.world.cameras import BoundCamera
 from evs.emulator.world.compat import SLEEP
-from evs.emulator.world.daemon_threads import end_daemons_at_exit, end_here
 from evs.emulator.world.deformables import Deformables
 from evs.emulator.world.lights import active_lights
 from evs.emulator.world.model import new_data
@@ -194,3 +198,49 @@ class _Rows:
         for where, live, chosen in self._parts:
             taken[where] = live if chosen is None else live[chosen]
         return taken
+
+
+# Up to 3.13 CPython stops a daemon thread wherever it next wants the interpreter's lock, and frames
+# of MuJoCo's bindings on its stack crash the process then. At a snapshot it can be ended in peace.
+_PATIENCE_S = 1.0
+"""How long the exit waits for their next snapshots."""
+
+_daemons: WeakSet[threading.Thread] = WeakSet()
+"""those that have taken a snapshot"""
+_exiting = threading.Event()
+
+
+class _Here(threading.local):
+    """What is known of a thread, from its first snapshot on."""
+
+    def __init__(self) -> None:
+        thread = threading.current_thread()
+        self.is_daemon = thread.daemon
+        if self.is_daemon:
+            _daemons.add(thread)
+
+
+_here = _Here()
+
+
+@cache
+def end_daemons_at_exit() -> None:
+    """Let the interpreter's exit end them; what the user registers later is called before."""
+    atexit.register(_end)
+
+
+def end_here() -> None:
+    """Before a snapshot: SystemExit if this thread is a daemon and the interpreter exits."""
+    if _here.is_daemon and _exiting.is_set():
+        raise SystemExit
+
+
+def _end() -> None:
+    _exiting.set()
+    patience_s = _PATIENCE_S
+    for thread in list(_daemons):
+        # one that Python has not made cannot be joined
+        with suppress(AssertionError, RuntimeError):
+            thread.join(patience_s)
+        # one that sleeps elsewhere is waited for once
+        patience_s = 0.0 if thread.is_alive() else patience_s

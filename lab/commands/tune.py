@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     from evs.drivers.run.config import is_scene
     from evs.drivers.run.report import check_targets, write_whole
     from evs.drivers.run.stop_signals import ending_signals
-    from evs.emulator.base.cores import cores
+    from evs.emulator.base.memory_limits import cores
     from evs.launch.support import terminal
     from evs.tools.doctor.machine import cpu_name
     from evs_lab.evaluation.light_cache import LightCache, user_cache

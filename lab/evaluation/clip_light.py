@@ -11,7 +11,7 @@ from evs.emulator.base.protocols import TracingRenderer
 from evs.emulator.base.scene import F32
 from evs.emulator.config import RenderConfig
 from evs.emulator.render import make_renderer
-from evs.emulator.state.versions import versions
+from evs.emulator.world import versions
 from evs_lab.evaluation.clip import Clip
 from evs_lab.evaluation.digest import digest
 from evs_lab.evaluation.light_cache import LightCache

@@ -13,7 +13,7 @@ from evs.drivers.run.report import versions
 from evs.emulator.base.scene import F32
 from evs.emulator.evsnet.bilif import most_events
 from evs.emulator.sensor.pixel import log_light
-from evs.emulator.state.versions import versions as emulator_versions
+from evs.emulator.world import versions as emulator_versions
 from evs.msgs import Events, EvsError
 from evs_lab.evaluation import models, scenes
 from evs_lab.evaluation.aggregate import ResultCell

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
+from evs.emulator.base.package_paths import cache_folder
 from evs.emulator.base.scene import F32
 from evs.emulator.base.small_files import open_file
-from evs.emulator.base.user_cache import cache_folder
 from evs.msgs import EvsError
 
 

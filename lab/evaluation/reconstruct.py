@@ -16,7 +16,7 @@ import numpy as np
 from evs.drivers.run.report import versions
 from evs.emulator.base.scene import F32, F64, I32
 from evs.emulator.sensor.pixel import log_light
-from evs.emulator.state.versions import versions as emulator_versions
+from evs.emulator.world import versions as emulator_versions
 from evs.msgs import Events, EvsError
 from evs_lab.evaluation import models, scenes
 from evs_lab.evaluation.claims import NOTHING, REFERENCE

@@ -234,7 +234,7 @@ class SpeedMeter:
         method = frame_method(point.value) if point.kind == FRAMES else None
         watch = CutWatch()
         world = SweepWorld(self.setup, self.motion, config, self.seed, method, watch)
-        chunk = world.cameras[0].chunk
+        chunk = world.cameras[0].config.model.chunk
         tick_s = _tick_s(world, chunk, self.motion != STILL, self.settings.seconds)
         ticks, repeats = self._length(tick_s, chunk, config.scene.tick_us)
         cutter = _Cutter(ticks, watch, self.yardstick)

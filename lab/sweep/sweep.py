@@ -11,7 +11,7 @@ from typing import Any
 
 from evs.drivers.run.report import versions
 from evs.emulator import World
-from evs.emulator.base.cores import cores
+from evs.emulator.base.memory_limits import cores
 from evs.emulator.base.package_paths import in_package
 from evs.emulator.config import RenderConfig, SensorConfig
 from evs.emulator.world import digest_of

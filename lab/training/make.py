@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from evs.emulator.state.versions import versions
+from evs.emulator.world import versions
 from evs.msgs import EvsError
 from evs.tools.jobs import check_workers, job_threads, report_progress, run_jobs
 from evs_lab.training.pilot import Pilot, choose_pixels, run_pilot

@@ -22,8 +22,7 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
-from evs.drivers.run.progress import Progress
-from evs.drivers.run.report import COMPLETE, Report
+from evs.drivers.run.report import COMPLETE, Progress, Report
 
 REDRAW_S = 0.1
 """the bar is redrawn no more often"""

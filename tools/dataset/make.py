@@ -15,8 +15,7 @@ from evs.drivers.pictures import write_png
 from evs.emulator import World
 from evs.emulator.base.small_files import open_file
 from evs.emulator.config import settings
-from evs.emulator.state.versions import versions
-from evs.emulator.world import digest_of
+from evs.emulator.world import digest_of, versions
 from evs.msgs import EvsError, Frame, ImuPacket, TriggerPacket
 from evs.tools.dataset.contact_sheet import scene_page, words_of
 from evs.tools.dataset.manifest import KIND, MANIFEST, claim, listed, missing, read_json, write_json

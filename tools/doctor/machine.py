@@ -10,9 +10,8 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from evs.emulator.base.cores import cores
 from evs.emulator.base.gpu.driver import the_gpu, why_no_gpu
-from evs.emulator.base.memory_limits import memory_gb
+from evs.emulator.base.memory_limits import cores, memory_gb
 from evs.tools.doctor.check import BAD, NOTE, OK, Check
 
 MIN_PYTHON = (3, 11)

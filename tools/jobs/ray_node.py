@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 
-from evs.emulator.state.versions import versions
+from evs.emulator.world import versions
 from evs.msgs import EvsError
 from evs.tools.jobs.job import Job, JobMaker, job_context
 from evs.tools.jobs.packing import Message, StreamDigest, StreamEnd, pack

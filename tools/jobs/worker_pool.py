@@ -19,7 +19,7 @@ from multiprocessing.context import SpawnProcess
 from multiprocessing.process import parent_process
 from typing import Any, Generic, TypeVar
 
-from evs.emulator.base.cores import cores
+from evs.emulator.base.memory_limits import cores
 from evs.msgs import EvsError
 from evs.tools.jobs.job import job_context
 

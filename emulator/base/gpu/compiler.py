@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from evs.emulator.base.gpu.driver import Gpu, compiler
-from evs.emulator.base.user_cache import cache_folder
+from evs.emulator.base.package_paths import cache_folder
 from evs.msgs import EvsError
 
 CORE = Path(__file__).resolve().parents[2] / "core"

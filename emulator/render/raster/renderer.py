@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import weakref
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from evs.emulator.base.protocols import Commit
 from evs.emulator.base.scene import (
     F32,
     I32,
@@ -19,7 +21,6 @@ from evs.emulator.base.scene import (
 )
 from evs.emulator.config import RenderConfig
 from evs.emulator.optics import check_distortion, is_distorted, make_lens
-from evs.emulator.render.instant_light import InstantLight
 from evs.emulator.render.native import NativeRenderer
 from evs.emulator.render.raster.canvas import Canvas
 from evs.emulator.render.raster.context import load_library
@@ -39,7 +40,7 @@ from evs.emulator.render.raster.tessellate import TriangleMesh, stretched
 from evs.msgs import EvsError
 
 
-class RasterRenderer(InstantLight):
+class RasterRenderer:
     """Light as `direct` has it, by OpenGL: no shadows, no mirrors.
 
     Each renderer has a context of its own, given back by `close`, or when nobody holds it any more.
@@ -102,6 +103,23 @@ class RasterRenderer(InstantLight):
         if self._share is not None:
             luminance *= self._share
         return luminance
+
+    def restart(self) -> None:
+        """Forget earlier ticks."""
+        return
+
+    def render_again(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
+        """Render the instant that was rendered last, after `prepare_restore`."""
+        return self.render(snapshot, pose)
+
+    def save(self) -> dict[str, Any]:
+        """Named arrays of earlier ticks: none."""
+        return {}
+
+    def prepare_restore(self, saved: Mapping[str, Any]) -> Commit:
+        """Take back what `save` gave."""
+        del saved
+        return lambda: None
 
     def reseed(self, seed: int) -> None:
         """Nothing here follows from a seed."""

@@ -15,9 +15,9 @@ import pytest
 import evs
 from evs.drivers.clock import StopWatch
 from evs.emulator import _core
-from evs.emulator.base.cores import cores
 from evs.emulator.base.gpu.arrays import DeviceLight
 from evs.emulator.base.gpu.driver import the_gpu, why_no_gpu
+from evs.emulator.base.memory_limits import cores
 from evs.emulator.camera.pixel_pipeline import make_event_model
 from evs.emulator.config import ModelConfig, RenderConfig
 from evs.emulator.render import make_renderer

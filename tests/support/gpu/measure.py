@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from compile import compiled
 
-from evs.emulator.base.cores import cores
 from evs.emulator.base.gpu.driver import the_gpu
+from evs.emulator.base.memory_limits import cores
 
 MATH = [
     *("log2", "exp2", "floor", "truncate", "to_float", "sqrt", "safe_inverse", "abs", "negate"),

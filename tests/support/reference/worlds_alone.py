@@ -70,7 +70,7 @@ class Alone:
         seen: list[list[bytes]] = [[b""] * count for _ in self.worlds.cameras]
         for number, world in enumerate(self.each):
             if ctrl is not None:
-                world.give(np.array(ctrl[number], np.float64))
+                world.given = np.array(ctrl[number], np.float64)
             for _ in range(0 if number in self.ended else wanted[number]):
                 try:
                     packets = world.step()
