@@ -63,7 +63,7 @@ class Durations:
 
     @property
     def total(self) -> int:
-        """How many there are."""
+        """The total count."""
         return sum(self.counts.values())
 
     def quantile_s(self, share: float) -> float:

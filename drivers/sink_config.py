@@ -113,8 +113,8 @@ class _Sink(SinkConfig):
     """zmq | dv | ros2 | rerun | foxglove, or the format of a recording: aedat4 | ... (evs convert
     --help)"""
     worker: bool | None = None
-    """true: run the sink in its own process, so it costs the camera only a copy; not given: as for
-    the whole run"""
+    """true: run the sink in its own process, so it costs the camera only a copy; not given: the
+    setting of the run"""
     worker_mb: float = 64.0
     """worker: size of the buffer of packets for that process, MB"""
     worker_cores: tuple[int, ...] = ()
@@ -126,7 +126,7 @@ class _Served(_Sink):
     wait_for: int = 0
     """subscribers of events to wait for before the first tick"""
     wait_s: float = 10.0
-    """how long to wait for them, s"""
+    """time to wait for them, s"""
     insecure: bool = False
     """true: other machines may subscribe without a key; the traffic is not encrypted then"""
 
@@ -134,7 +134,7 @@ class _Served(_Sink):
 @dataclass(frozen=True)
 class _Writing(_Sink):
     overwrite: bool | None = None
-    """true: replace an existing file; not given: as for the whole run"""
+    """true: replace an existing file; not given: the setting of the run"""
 
 
 @named_keywords
@@ -199,7 +199,7 @@ class RerunSink(_Writing):
     period_us: int = 20_000
     """simulated time between two pictures, us"""
     points: int = 0
-    """most points of each picture's cloud of events in x, y and time; 0: no cloud"""
+    """maximum number of points of each picture's cloud of events in x, y and time; 0: no cloud"""
 
     target = "evs.drivers.viewer:ViewSink"
     needs = writes = "rrd"
@@ -279,9 +279,9 @@ class Ros2Sink(_Served, _RosNames):
     encoding: str = "evt3"
     """evt3 | libcaer | libcaer_cmp (libcaer_driver's default) | mono (event_camera_msgs)"""
     clock: bool = True
-    """publish /clock; only one of several publishers may"""
+    """publish /clock; only one of several publishers may do so"""
     event_message_time_threshold: float = 1e-3
-    """shortest time span of an event message, s"""
+    """minimum time span of an event message, s"""
     event_message_size_threshold: int = 1_000_000
     """size at which an event message is sent before that time, bytes"""
     send_queue_size: int = 1000

@@ -27,21 +27,22 @@ def voxel_grid(
 ) -> F32:
     """V(x, y, t) of Zhu et al., CVPR 2019, equation (2): polarities spread over two bins each.
 
-    An event of polarity +1 or -1 at t* = (bins - 1) (t - t_1) / (t_N - t_1) adds to the bins
-    around t* what a triangle of half width 1 leaves there.
+    An event of polarity +1 or -1 at t* = (bins - 1) (t - t_1) / (t_N - t_1) adds to the bins around
+    t* with the weights of a triangle of half width 1.
 
     Args:
         events: (n,) EVENT_DTYPE
-        bins: number of bins; with 1 all time is one
+        bins: number of bins
         size: (width, height) of the sensor, px
-        interval: (t_1, t_N), us: an event before or after it counts as on its edge; None: from the
+        interval: (t_1, t_N), us: events before or after it count at its edges; None: from the
             first event to the last, as in the paper
 
     Returns:
         (bins, height, width) float32
 
     Raises:
-        EvsError: an event off the sensor, a size or number of bins under 1, an empty interval
+        EvsError: an event outside the sensor, a size or number of bins below 1, or an empty
+            interval
     """
     width, height = _checked_size(size)
     bins = _positive(bins, "bins")
@@ -81,7 +82,7 @@ def latest_stamps(events: Events, size: tuple[int, int], before: I64 | None = No
         (2, height, width) int64 us, NEVER where there was no event
 
     Raises:
-        EvsError: an event off the sensor, or another shape of `before`
+        EvsError: an event outside the sensor, or another shape of `before`
     """
     width, height = _checked_size(size)
     shape = (2, height, width)
@@ -123,21 +124,21 @@ def decayed(stamps: I64, tau_us: float, t_us: int) -> F32:
 def time_surface(
     events: Events, size: tuple[int, int], tau_us: float = 30_000.0, t_us: int | None = None
 ) -> F32:
-    """Exponential time surface, Lagorce et al., TPAMI 2017: how fresh each pixel's last event is.
+    """Exponential time surface, Lagorce et al., TPAMI 2017: the age of each pixel's last event.
 
-    For a stream in pieces keep `latest_stamps` from piece to piece, and take `decayed` of them.
+    For a stream in pieces, keep `latest_stamps` from piece to piece and apply `decayed` to them.
 
     Args:
         events: (n,) EVENT_DTYPE
         size: (width, height) of the sensor, px
         tau_us: time constant, us
-        t_us: seen from this time; None: from the last event
+        t_us: reference time, us; None: the last event
 
     Returns:
         (2, height, width) float32 of 0 ... 1, OFF then ON
 
     Raises:
-        EvsError: an event off the sensor, a tau or size that is not over 0
+        EvsError: an event outside the sensor, or a tau or size that is not positive
     """
     stamps = latest_stamps(events, size)
     if t_us is None:
@@ -146,7 +147,7 @@ def time_surface(
 
 
 def event_frame(events: Events, size: tuple[int, int]) -> I32:
-    """How often each pixel fired, by polarity.
+    """Number of events of each pixel, by polarity.
 
     Args:
         events: (n,) EVENT_DTYPE
@@ -156,7 +157,7 @@ def event_frame(events: Events, size: tuple[int, int]) -> I32:
         (2, height, width) int32, OFF then ON
 
     Raises:
-        EvsError: an event off the sensor
+        EvsError: an event outside the sensor
     """
     width, height = _checked_size(size)
     index = (events["p"] != 0) * (width * height) + _pixel_index(events, width, height)
@@ -206,7 +207,7 @@ def _positive(value: int, name: str) -> int:
 
 
 def _pixel_index(events: Events, width: int, height: int) -> I64:
-    """(n,) y * width + x; EvsError for an event off the sensor, which would land elsewhere."""
+    """(n,) y * width + x; EvsError for an event outside the sensor, which would land elsewhere."""
     x, y = events["x"].astype(np.int64), events["y"].astype(np.int64)
     outside = (x < 0) | (x >= width) | (y < 0) | (y >= height)
     if outside.any():

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 
 class EvsError(Exception):
-    """An error that the user can fix. The message is one line: what is wrong and what to do.
+    """An error that the user can fix. The message is one line with the problem and the fix.
 
     Every command prints it to stderr and ends with exit code 2, without a traceback.
     """

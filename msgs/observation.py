@@ -17,7 +17,7 @@ F64 = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What has arrived up to a decision. Nothing else writes its arrays.
+    """The messages that arrived up to a decision. Nothing else writes to its arrays.
 
     It holds no reference to the simulator.
     """

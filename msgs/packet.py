@@ -34,7 +34,7 @@ QuickCheck = Callable[[bytes | memoryview, int, int, int, int], bool]
 class EventPacket:
     """Events of the interval (time_base_us, time_end_us] of one camera.
 
-    A packet may be empty: it still shows that time has passed.
+    A packet may be empty; it still shows that time has passed.
     """
 
     seq: int

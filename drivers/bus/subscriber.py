@@ -66,16 +66,17 @@ def subscribe(
 ) -> Subscription:
     """Subscribe to a publisher, which may start later.
 
-    Iterate the result for EventPackets; iteration ends with the publisher's end status, or when
-    nothing came for `timeout_s`. The result's attributes `frames`, `imu`, `poses`, `lights` and
+    Iterate over the result for EventPackets. Iteration ends with the publisher's end status, or
+    after `timeout_s` without a packet. The result's attributes `frames`, `imu`, `poses`, `lights`
+    and
     `truths` hold the messages of these topics that came with a packet, `camera_info` and `clock`
     the newest ones.
 
     Args:
-        address: Of the publisher, tcp://HOST:PORT or ipc:///PATH.
+        address: Address of the publisher, tcp://HOST:PORT or ipc:///PATH.
         camera: Name of a camera; empty: all.
-        queue: Packets that may wait here before packets are lost.
-        timeout_s: How long iteration waits for a packet, s; None: for ever.
+        queue: Packets to buffer before packets are lost.
+        timeout_s: Time that iteration waits for a packet, s; None: for ever.
         frames: Whether to receive intensity frames.
         imu: Whether to receive IMU samples.
         poses: Whether to receive poses.
@@ -85,13 +86,14 @@ def subscribe(
         clock: Whether to receive simulated time.
         server_key: The public key of a publisher that has keys, a file or the 40 characters;
             without it nothing is encrypted.
-        key: The file of one's own secret key, where the publisher allows only some clients.
+        key: File of your own secret key, if the publisher accepts only listed clients.
 
     Returns:
         The subscription.
 
     Raises:
-        EvsError: A bad address, name or key. `receive` raises it if the publisher refuses us.
+        EvsError: An invalid address, name or key. `receive` raises it if the publisher rejects the
+            client.
     """
     return Subscription(
         address,

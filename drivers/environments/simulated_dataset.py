@@ -50,27 +50,27 @@ never dropped"""
 
 @fields_as_keywords(EpisodeSpec)
 class SimulatedDataset:
-    """Samples of events and ground truth, each an episode of its own; nothing is on disk.
+    """Samples of events and ground truth, simulated on request; nothing is on disk.
 
         dataset = evs.SimulatedDataset("robot.xml", "wrist", samples=10_000, truth=["depth"])
         dataset[7]["events"]                        # (5, 260, 346) float32, a voxel grid
         DataLoader(dataset, batch_size=16, num_workers=2)
 
-    It has a length and an index, so PyTorch's DataLoader takes it as it is, and a worker simulates
-    the samples of a batch side by side (evs.Worlds). A sample is a function of the arguments, the
-    epoch and its index alone: its bytes are the same in every process, order and batch. Samples
-    are independent draws, so shuffling changes nothing.
+    It has a length and an index, so PyTorch's DataLoader accepts it directly. A worker simulates
+    the samples of a batch in parallel (evs.Worlds). A sample depends only on the arguments, the
+    epoch and its index: its bytes are the same in every process, order and batch. Samples are
+    independent draws, so shuffling changes nothing.
 
-    An index is a number, of the epoch of `set_epoch`, or a pair (epoch, number), as `sampler` gives
-    it. A sample is a dict of arrays:
+    An index is a number in the epoch of `set_epoch`, or a pair (epoch, number) from `sampler`. A
+    sample is a dict of arrays:
 
-        events       (n,) EVENT_DTYPE, or an array as of StackedArrays
+        events       (n,) EVENT_DTYPE, or an array as in StackedArrays
         luminance, depth, ...     what `truth` names, at the end
         qpos, qvel, ctrl          what `truth` names, at the end: float64
         sensors      name of a <sensor> -> its readings at the end, float64
-        sensor       key of [sensor] -> what was drawn; with `randomise`
+        sensor       key of [sensor] -> the drawn value; with `randomise`
         scene        the same of the scene, KIND.NAME.ATTRIBUTE -> value
-        attempt      how often it was drawn again; with `attempts` over 1
+        attempt      number of repeated draws; with `attempts` over 1
 
     With several cameras, `events` and the images of each are a dict under its name. Use it in one
     thread at a time.
@@ -94,29 +94,30 @@ class SimulatedDataset:
         threads: int = 0,
         **fields: Any,
     ) -> None:
-        """Load the scene and check everything; the worlds are made with the first sample.
+        """Load the scene and check the arguments; the first sample creates the worlds.
 
         Args:
             scene: See EpisodeSpec; or an EpisodeSpec.
             cameras: See EpisodeSpec.
-            samples: How many an epoch has.
-            seed: What all samples follow from.
-            representation: event_frame | voxel_grid | time_surface | packet, as of StackedArrays;
-                None: the events themselves.
-            sequence: Slices of `ticks` that follow each other in a sample: what changes gets a
-                first axis of this length; None: one slice, without that axis.
-            warm_up: Ticks before the sample, whose events are dropped.
+            samples: Samples per epoch.
+            seed: Determines all samples.
+            representation: event_frame | voxel_grid | time_surface | packet, as in StackedArrays;
+                None: the events.
+            sequence: Number of successive slices of `ticks` in a sample, as a first axis of all
+                arrays that change; None: one slice, without that axis.
+            warm_up: Ticks before the sample; their events are dropped.
             control: See `World`.
             truth: Names of ground truth: luminance, or a field of GroundTruth, of each camera; and
                 qpos, qvel and ctrl.
             sensors: Names of <sensor>s of the model.
-            attempts: How often a sample is drawn until its world does not end.
-            worlds: Samples that are simulated side by side at most.
-            threads: Of this process; 0: one a core, but one in the worker of a loader.
+            attempts: Maximum number of draws of a sample whose world ends early.
+            worlds: Maximum number of samples that are simulated in parallel.
+            threads: Threads of this process; 0: one per core, but a single one in the worker of a
+                loader.
             **fields: Fields of EpisodeSpec.
 
         Raises:
-            EvsError: An argument is not possible; the message is one line.
+            EvsError: An argument is invalid.
         """
         self.seed, self.epoch = plain_integer(seed, "seed"), 0
         spec = EpisodeSpec.of(scene, cameras, fields)
@@ -161,7 +162,7 @@ class SimulatedDataset:
 
     @property
     def needs_gpu(self) -> bool:
-        """Whether a render.device is cuda, so that only a machine with a GPU makes samples."""
+        """Whether a render.device is cuda, so that making samples requires a GPU."""
         return self.spec.render is not None and self.spec.render.device == "cuda"
 
     def __repr__(self) -> str:
@@ -172,19 +173,19 @@ class SimulatedDataset:
         return {**vars(self), "_worlds": None, "_arrays": []}
 
     def set_epoch(self, epoch: int) -> None:
-        """Let numbers mean the samples of this epoch from now on, in this process.
+        """Select the epoch of plain numbers as indices, in this process.
 
-        Workers of a loader take it over when they start; those that stay (persistent_workers) need
-        `sampler`. EvsError where it is no such number.
+        Workers of a loader copy it when they start; persistent workers need `sampler`. Raises
+        EvsError for an invalid number.
         """
         self.epoch = _at_least(0, epoch, "epoch", MOST)
 
     def sampler(self, *, rank: int = 0, num_replicas: int = 1) -> EpochSampler:
-        """What a loader's sampler= takes, to go through epochs and to resume in the middle of one.
+        """A sampler for a loader, which selects the epoch and can resume in the middle of one.
 
         Args:
-            rank: Of this process among those that train together.
-            num_replicas: How many these are; each has as many samples.
+            rank: Rank of this process in distributed training.
+            num_replicas: Number of processes; each has the same number of samples.
 
         Raises:
             EvsError: There is no such rank, or there are more processes than samples.
@@ -192,11 +193,11 @@ class SimulatedDataset:
         return EpochSampler(len(self), rank=rank, num_replicas=num_replicas)
 
     def seed_of(self, index: int | Place, attempt: int = 0) -> int:
-        """The seed of a sample's world, as of evs.World; `start` draws from np.random.PCG64 of it.
+        """The seed of a sample's world; `start` draws from np.random.PCG64 with this seed.
 
         Args:
             index: See `dataset[index]`.
-            attempt: Which of its draws.
+            attempt: Number of the draw.
 
         Raises:
             IndexError: There is no such sample.

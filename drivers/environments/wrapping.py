@@ -35,30 +35,29 @@ def wrap(
         env = evs.wrap(gymnasium.make("Ant-v5"), camera="track")
         env.reset(seed=1)
         env.step(action)
-        env.events                      # those of this step
+        env.events                      # events of this step
 
     For environments of Gymnasium, Gymnasium-Robotics, Metaworld, robosuite and dm_control, also
-    wrapped ones. Resets, resets that compile a new model, and episodes that begin in `step` are
-    followed: events then begin anew. In a gymnasium.vector.SyncVectorEnv every environment gets a
-    camera of its own, `events` has those of environment i as its item i, and `event_cameras` are
-    theirs.
+    wrapped ones. Events start again after resets, resets that compile a new model, and episodes
+    that begin in `step`. In a gymnasium.vector.SyncVectorEnv every environment gets its own camera,
+    item i of `events` has the events of environment i, and `event_cameras` has the cameras.
 
-    With a list of cameras, `events` and `event_camera` are dicts by their names. Calls may be
-    nested: each wrapper has the events of its own cameras.
+    With a list of cameras, `events` and `event_camera` are dicts by name. Calls may be nested: each
+    wrapper has the events of its own cameras.
 
-    If the physics becomes unstable, MuJoCo resets the data by itself: events begin anew,
-    `instabilities` counts it, and the first one is an `evs.emulator.UnstableWarning`.
+    If the physics becomes unstable, MuJoCo resets the data and events start again. `instabilities`
+    counts these resets, and the first one issues an `evs.emulator.UnstableWarning`.
 
     Args:
-        env: The environment; its step and reset give what they gave.
+        env: The environment; the results of its step and reset do not change.
         camera: See `EventCamera`, as for the other arguments; or a list of cameras.
-        every: When the camera looks: in every "substep" of the physics, or after every "step" of
-            the environment, which is faster and sees what moves jump.
+        every: When the camera observes: in every "substep" of the physics, or after every "step" of
+            the environment, which is faster but makes moving objects jump.
         sensor: Its preset or configuration.
         render: How light reaches the pixels.
         model_config: What turns light into events.
-        seed: The noise of all episodes follows from it, and from a seed that `reset` is given.
-        threads: Worker threads; 0: one a core.
+        seed: Determines the noise of all episodes, together with the seed of `reset`.
+        threads: Worker threads; 0: one per core.
         visual: Groups and flags that are seen, a mujoco.MjvOption or a VisualConfig; None: those of
             the environment's own pictures where it has any (robosuite's render_collision_mesh,
             Gymnasium's MujocoRenderer, dm_control's scene_option), else what MuJoCo shows by
@@ -69,7 +68,7 @@ def wrap(
         EventCamera, and `instabilities`. One of Gymnasium is a gymnasium.Wrapper.
 
     Raises:
-        EvsError: No physics of MuJoCo is found, or as of EventCamera.
+        EvsError: The environment has no physics of MuJoCo; or see `EventCamera`.
     """
     if every not in EVERY:
         raise EvsError(f"every is {every!r}; give {' or '.join(map(repr, EVERY))}")

@@ -56,7 +56,7 @@ class IntegrityReport:
         Args:
             at: Byte offset of the first.
             reason: Why it is not valid.
-            count: How many there are.
+            count: Number of packets.
         """
         self.corrupt_part(f"at byte {at}", reason, count)
 

@@ -203,11 +203,12 @@ class ReadAsWarning(UserWarning):
 def read(path: AnyPath, **options: Unpack[ReadOptions]) -> Recording:
     """Read all events of a recording.
 
-    A torn tail or damaged packets are left out, with a TornTailWarning or DamagedPacketWarning.
+    A torn tail and damaged packets are skipped, with a TornTailWarning or DamagedPacketWarning.
 
     Args:
         path: The recording, or the first file of one in several files (multi_file.py).
-        **options: What the file does not state: `columns` of a table ("t,x,y,p"), `unit` of its
+        **options: Facts that the file does not state: `columns` of a table ("t,x,y,p"), `unit` of
+        its
             times ("s", "ms", "us", "ns"), the `chip` of AEDAT2. `stream` selects one of several
             event streams; `single=True` reads only this file of several.
 
@@ -216,8 +217,8 @@ def read(path: AnyPath, **options: Unpack[ReadOptions]) -> Recording:
         `.triggers`.
 
     Raises:
-        EvsError: The file does not exist, its ending is unknown, it is not a recording, or it
-            cannot be told what its columns hold.
+        EvsError: The file does not exist, its extension is unknown, it is not a recording, or its
+            columns are ambiguous.
     """
     file = opened(path, **options)
     events = _joined(file.events())

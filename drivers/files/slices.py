@@ -23,9 +23,9 @@ class EventSlices(Sequence[Any]):
         slices = evs.EventSlices("run.aedat4", span_us=20_000)
         slices[3]                       # the events of 60 to 80 ms after the first, a view
 
-    It has a length and an index, so PyTorch's DataLoader takes it as it is, with any number of
+    It has a length and an index, so PyTorch's DataLoader accepts it directly, with any number of
     workers. Nothing is copied: a slice is a view of its recording. The last slice of a recording is
-    left out where it would be shorter.
+    omitted if it would be shorter.
     """
 
     def __init__(
@@ -40,13 +40,12 @@ class EventSlices(Sequence[Any]):
         """Cut recordings.
 
         Args:
-            recordings: Recordings or their files, which are read now.
-            span_us: Length of a slice, us. The first begins with the recording's first event;
-                slices without events count.
-            count: Instead: events of a slice.
-            step: From the begin of a slice to that of the next, in us or in events; None: slices
-                follow each other without overlap.
-            encode: What becomes of a slice, for example
+            recordings: Recordings, or files to read.
+            span_us: Length of a slice, us. The first slice begins with the first event; slices
+                without events count.
+            count: Number of events of a slice, instead of span_us.
+            step: Distance between the starts of two slices, in us or in events; None: no overlap.
+            encode: Function that encodes a slice, for example
                 `lambda events, interval: evs.voxel_grid(events, 5, (346, 260), interval)`; None:
                 its events.
 
@@ -111,7 +110,7 @@ class EventSlices(Sequence[Any]):
         """Return the events of a slice and its interval, whatever `encode` is.
 
         Args:
-            index: Its number; negative from the end.
+            index: Number of the slice; negative numbers count from the end.
 
         Returns:
             (n,) EVENT_DTYPE, a view; (begin, end), us: by time, begin <= t < end; by count, the
@@ -131,7 +130,7 @@ class EventSlices(Sequence[Any]):
         return found, (int(found["t"][0]), int(found["t"][-1]))
 
     def source(self, index: int) -> int:
-        """Return the place in `recordings` of the recording that a slice is of: often its label."""
+        """Return the index in `recordings` of the recording of a slice, often its label."""
         return self._find(index)[0]
 
     def _find(self, index: int) -> tuple[int, int]:
@@ -143,11 +142,11 @@ class EventSlices(Sequence[Any]):
         return which, place - self._ends[which]
 
     def part(self, number: int, parts: int) -> Iterator[Any]:
-        """Iterate over every `parts`-th slice from `number` on: the share of one of many workers.
+        """Iterate over every `parts`-th slice from `number` on, the share of one worker.
 
         Args:
-            number: Of the worker, from 0.
-            parts: How many there are.
+            number: Number of the worker, from 0.
+            parts: Number of workers.
         """
         for place in range(number, len(self), parts):
             yield self[place]

@@ -49,12 +49,12 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
         copy: bool = True,
         **fields: Any,
     ) -> None:
-        """Load the scene once, and make so many worlds of it.
+        """Load the scene once, and make several worlds of it.
 
         Args:
             scene: See TaskSpec; or a TaskSpec.
             cameras: See TaskSpec.
-            num_envs: How many environments.
+            num_envs: Number of environments.
             threads: worlds at once; 0: one per core
             render_mode: None: the environments of gymnasium.make have pictures
             render_camera: not used

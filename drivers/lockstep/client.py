@@ -54,22 +54,22 @@ def connect(
     server_key: str = "",
     key: str = "",
 ) -> RemoteLoop:
-    """Join a closed loop that is served elsewhere.
+    """Join a closed loop in another process.
 
     Args:
-        address: Of the server: tcp://HOST:PORT or ipc:///PATH.
-        name: Of this controller; no other may have it.
-        actuators: Those it controls, in the order of its controls; all if None.
-        cameras: Those it wants to see; all if None.
-        timeout_s: How long an answer may take, and the server to appear, s.
+        address: Address of the server: tcp://HOST:PORT or ipc:///PATH.
+        name: Name of this controller, which must be unique.
+        actuators: The actuators it controls, in the order of its controls; None: all.
+        cameras: The cameras to receive; None: all.
+        timeout_s: Time to wait for an answer, and for the server to appear, s.
         server_key: The server's public key, if it has one.
-        key: File of this controller's secret key, if the server lets in only some.
+        key: File of this controller's secret key, if the server accepts only listed keys.
 
     Returns:
         The loop, joined.
 
     Raises:
-        EvsError: Nobody there, no seat free, unknown names.
+        EvsError: No server answers, no seat is free, or a name is unknown.
     """
     return RemoteLoop(
         address,

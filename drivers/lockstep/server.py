@@ -88,7 +88,7 @@ class ServedLoop(Protocol):
 
     @property
     def done(self) -> str:
-        """Why the episode is over; "": it goes on, or has not begun."""
+        """The reason why the episode ended; "" if it continues or has not begun."""
 
 
 class LockstepServer:

@@ -64,10 +64,10 @@ class RealtimeConfig:
     """[realtime]: how pace = "realtime" handles lateness."""
 
     catch_up_s: float = CATCH_UP_S
-    """largest lateness that the next ticks make up for, s; beyond it, simulated time slips"""
+    """maximum lateness that the next ticks catch up, s; beyond it, simulated time falls behind"""
     serve: bool = False
-    """true: controllers may connect as in lock-step ([lockstep], [loop]); a control acts when it
-    arrives, and simulated time never waits for it"""
+    """true: controllers may connect as in lock-step ([lockstep], [loop]); a control takes effect
+    when it arrives, and simulated time never waits for it"""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class LockstepConfig:
     """number of controllers that must join before the simulation starts, each with its own
     actuators"""
     timeout_s: float = 10.0
-    """how long to wait for a controller's decision before the controller is removed, s"""
+    """time to wait for a controller's decision before the controller is removed, s"""
     cameras: tuple[str, ...] = ()
     """cameras of the model, all with this pipeline's sensor; none: the pipeline's one camera"""
     key: str = parameter(
@@ -119,7 +119,7 @@ class PipelineConfig(RunConfig):
     publish_wait_for: int = 0
     """subscribers to wait for before the first tick"""
     publish_wait_s: float = 10.0
-    """how long to wait for them, s"""
+    """time to wait for them, s"""
     publish_control: str = ""
     """control port of publish"""
     publish_key: str = parameter("", "secret key of publish", is_path=any_path)
@@ -131,7 +131,7 @@ class PipelineConfig(RunConfig):
     overwrite: bool = False
     """true: recordings replace existing files (--force); false: an existing file is an error"""
     beside: bool = False
-    """true: if the file of a recording exists, record to run-1.aedat4 beside it; evs launch sets
+    """true: if the file of a recording exists, record to run-1.aedat4 next to it; evs launch sets
     this for a node that it restarts"""
     worker: bool = False
     """true: run every sink in its own process, unless its table sets worker"""
@@ -140,7 +140,7 @@ class PipelineConfig(RunConfig):
     tick; needs two cores and two threads; 0: one after the other. The bytes are the same"""
     report: str = parameter(
         "",
-        "file of the run report (JSON); every recording has a report beside it anyway",
+        "file of the run report (JSON); every recording also has a report next to it",
         is_path=any_path,
     )
 

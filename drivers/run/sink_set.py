@@ -31,7 +31,7 @@ class AuxiliaryStreams(Protocol):
 
     @property
     def info(self) -> StreamInfo:
-        """What is constant of its stream."""
+        """The constant facts of its stream."""
 
     @property
     def frames(self) -> Sequence[Frame]:

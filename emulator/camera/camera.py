@@ -111,7 +111,7 @@ class Camera(SceneView):
             place: See SceneView.
             taken: Names that are not free.
             whole: Whether it is the one camera of a pipeline, whose header has all of `config`.
-            meter: Measures how long each stage takes.
+            meter: Measures the time of each stage.
             like: See SceneView.
 
         Raises:
@@ -299,7 +299,7 @@ class Camera(SceneView):
         """Check a saved state; the commit puts it in place.
 
         Args:
-            saved: What `save` gave.
+            saved: The result of `save`.
             seed: That of the camera that was saved.
             now: What it saw last.
             previous: What it saw before that.

@@ -222,7 +222,7 @@ class PixelPipeline:
         """Check a saved state; the commit puts it in place.
 
         Args:
-            saved: What `save` gave.
+            saved: The result of `save`.
             seed: That of the pixels that were saved, from now on.
 
         Raises:

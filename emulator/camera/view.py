@@ -102,7 +102,7 @@ class SceneView:
             scene: What is extracted from it.
             config: Everything that makes the camera besides its world.
             place: Which of a snapshot's cameras this is.
-            rgb: Whether colour is wanted too.
+            rgb: Whether to render colour too.
             like: A camera in a world of the same model, whose meshes, trees and images it shares.
 
         Raises:

@@ -19,18 +19,18 @@ from evs.msgs import EvsError
 @named_keywords
 @dataclass(frozen=True)
 class VisualConfig:
-    """[scene.visual]: what of the model is seen, named as in MuJoCo's mjvOption."""
+    """[scene.visual]: what of the model is visible, named as in MuJoCo's mjvOption."""
 
     geomgroup: tuple[int, ...] = (0, 1, 2)
-    """groups of geoms that are seen, 0 ... 5; hidden geoms cast no shadow either"""
+    """groups of visible geoms, 0 ... 5; hidden geoms cast no shadow either"""
     sitegroup: tuple[int, ...] = (0, 1, 2)
-    """groups of sites that are seen"""
+    """groups of visible sites"""
     tendongroup: tuple[int, ...] = (0, 1, 2)
-    """groups of tendons that are seen"""
+    """groups of visible tendons"""
     skingroup: tuple[int, ...] = (0, 1, 2)
-    """groups of skins that are seen"""
+    """groups of visible skins"""
     flexgroup: tuple[int, ...] = (0, 1, 2)
-    """groups of flexes that are seen"""
+    """groups of visible flexes"""
     texture: bool = True
     """false: materials without their textures"""
     tendon: bool = True
@@ -40,7 +40,7 @@ class VisualConfig:
     static: bool = True
     """false: no geoms and sites of bodies that are fixed to the world"""
     transparent: bool = False
-    """true: what can move is transparent, by visual/map alpha"""
+    """true: movable geoms are transparent, by visual/map alpha"""
     flexskin: bool = True
     """the smooth surface of flexes"""
     flexface: bool = False
@@ -121,19 +121,19 @@ class CameraConfig:
     )
     trajectory: str = parameter(
         "",
-        "file of poses that the camera goes through, in the world or in the frame of `body`: lines "
+        "file of poses that the camera follows, in the world or in the frame of `body`: lines "
         "of t x y z qx qy qz qw (TUM), or a CSV with a header (EuRoC); its first pose is at time 0",
         is_path=any_path,
     )
     trajectory_axes: str = "optical"
-    """whose poses they are. optical: x right, y down, z forward, as in ROS and OpenCV | camera: x
+    """axes of the poses. optical: x right, y down, z forward, as in ROS and OpenCV | camera: x
     right, y up, looking along -z, as in MuJoCo and Blender"""
     shake_m: float = 0.0
     """any camera: random motion, rms along each axis, m"""
     shake_deg: float = 0.0
-    """any camera: random turning, rms around each axis, degrees"""
+    """any camera: random rotation, rms around each axis, degrees"""
     shake_hz: float = 5.0
-    """middle frequency of that: 5 Hz is a hand, 50 Hz a motor"""
+    """centre frequency of the shake: 5 Hz resembles a hand, 50 Hz a motor"""
     shake_seed: int = 0
     """what it follows from"""
     fovy: float | None = parameter(
@@ -153,7 +153,7 @@ class CameraConfig:
     )
     near_m: float | None = parameter(
         None,
-        "depth of the near plane, m: nothing nearer is seen; None: as in MuJoCo, visual/map "
+        "depth of the near plane, m; nearer geometry is invisible; None: as in MuJoCo, visual/map "
         "znear times statistic/extent; 0: none",
         example=0.01,
     )
@@ -171,11 +171,11 @@ class CameraConfig:
 @named_keywords
 @dataclass(frozen=True)
 class FlickerConfig:
-    """[[render.flicker]]: a light that pulses, averaged over each tick. Any number of tables."""
+    """[[render.flicker]]: a pulsing light, averaged over each tick. Any number of tables."""
 
     light: str = "*"
-    """name of a light, its number if it has no name, or "headlight"; "*": every light that has no
-    table of its own"""
+    """name of a light, its number if it has no name, or "headlight"; "*": every light without its
+    own table"""
     waveform: str = "mains"
     """mains: a lamp on alternating current | sine | pwm: on and off; the mean of each is 1"""
     hz: float = 50.0
@@ -214,15 +214,15 @@ class RenderConfig:
     """cycle: ticks in a cycle, 2 ... 16; light has this many times the samples of a tick, and is
     (cycle_ticks - 1) / 2 ticks late"""
     bounces: int = 2
-    """hybrid, path: the most bounces between surfaces: 0 ... 64"""
+    """hybrid, path: maximum number of bounces between surfaces: 0 ... 64"""
     sampler: str = "owen"
     """path: the sample pattern: owen | sobol | global | random (docs/explanation/paths.md) |
     anchored: as owen, but the noise moves with the visible surface (for studies)"""
     headlight: str = "model"
-    """model: as the model sets it | off: no headlight"""
+    """model: the headlight of the model | off: no headlight"""
     sky: str = "backdrop"
-    """the model's skybox. backdrop: it is seen behind everything and lights nothing, as in
-    MuJoCo's viewer | light: it also lights the scene and is in mirrors (hybrid, path)"""
+    """the model's skybox. backdrop: visible behind everything, but lights nothing, as in MuJoCo's
+    viewer | light: it also lights the scene and appears in mirrors (hybrid, path)"""
     shadows: bool = True
     """true: lights that cast shadows in the model cast them here; false: none do"""
     fog: bool = False
@@ -244,13 +244,13 @@ class RenderConfig:
     """auto | avx512 | avx2 | neon | portable: the instruction set of renderer, pixels and networks;
     the result is the same bit for bit"""
     device: str = "cpu"
-    """cpu | cuda: an NVIDIA GPU (direct, hybrid, path; needs evs[cuda]) | auto: cuda where it can;
-    the result is the same bit for bit"""
+    """cpu | cuda: an NVIDIA GPU (direct, hybrid, path; needs evs[cuda]) | auto: cuda where
+    possible; the result is the same bit for bit"""
     flicker: tuple[FlickerConfig, ...] = ()
 
     @property
     def samples(self) -> int:
-        """Samples per pixel: `spp`, or what the renderer takes by itself."""
+        """Samples per pixel: `spp`, or the default of the renderer."""
         if self.spp is not None:
             return self.spp
         row = RENDERERS.get(self.renderer)
@@ -258,12 +258,12 @@ class RenderConfig:
 
     @property
     def delay_ticks(self) -> float:
-        """By how many ticks moving light comes late: half of a cycle."""
+        """Delay of moving light in ticks: half of a cycle."""
         return 0.5 * (self.cycle_ticks - 1) if self.seeds == "cycle" else 0.0
 
     @property
     def noisy_samples(self) -> int:
-        """Samples in the light of a tick where it has noise; 0 where it has none."""
+        """Samples in the light of a tick if it has noise; 0 otherwise."""
         row = RENDERERS.get(self.renderer)
         ticks = self.cycle_ticks if self.seeds == "cycle" else 1
         return ticks * self.samples if row and row.paths else 0
@@ -295,18 +295,18 @@ class ModelConfig:
     """evsnet: membrane potential of each pixel at the start: random, as in the paper | zero"""
     events_per_tick: str = "auto"
     """evsnet: events of a pixel per tick: auto: as the network was trained | one, as in the paper:
-    what a large step leaves fires in later ticks (saturation) | many: as many as the step is worth,
-    at most 64"""
+    the rest of a large step fires in later ticks (saturation) | many: all events of the step, at
+    most 64"""
     device: str = "cpu"
-    """cpu | cuda: an NVIDIA GPU (evsnet: runtime native; needs evs[cuda]) | auto: cuda where it
-    can; the events are the same"""
+    """cpu | cuda: an NVIDIA GPU (evsnet: runtime native; needs evs[cuda]) | auto: cuda where
+    possible; the events are the same"""
     labels: bool = False
     """label every event with its cause (signal, leak, shot noise, hot pixel), and with geom, class,
     depth and flow of what the pixel sees, in packet.labels and in .npz recordings"""
     classes: tuple[str, ...] = ()
-    """labels: NAME=PATTERN: a class, and the names of the geoms, or of bodies with all that they
-    carry, that belong to it, such as hand=finger*; the first that matches counts. What none matches
-    has the name of the whole object, such as the robot's root body"""
+    """labels: NAME=PATTERN: a class, and the names of its geoms, or of bodies with their
+    descendants, such as hand=finger*; the first match counts. Geoms without a match have the name
+    of the whole object, such as the robot's root body"""
 
 
 @named_keywords
@@ -319,8 +319,8 @@ class PlanConfig:
     on: tuple[str, ...] = ()
     """code paths to run even if nothing needs them: the same events"""
     off: tuple[str, ...] = ()
-    """for tests: code paths to leave out even if they are needed; the results that need them are
-    then wrong"""
+    """for tests: code paths to omit even if they are needed; the results that need them are then
+    wrong"""
 
 
 @named_keywords
@@ -353,15 +353,15 @@ class DelayConfig:
     """
 
     transport_us: int = 0
-    """delay from the end of a tick until its packet is available, us; the first decision from then
-    on receives it"""
+    """delay from the end of a tick until its packet is available, us; the next decision receives
+    it"""
     transport_jitter_us: float = 0.0
     """standard deviation of that delay from packet to packet, us; packets stay in order"""
     drop_share: float = 0.0
     """fraction of packets that are lost, 0 ... 1; lost packets are counted"""
     control_us: int = 0
-    """delay from a decision to its effect, us; it acts in the first tick that begins from then
-    on"""
+    """delay from a decision to its effect, us; it takes effect in the first tick that begins from
+    then on"""
     control_jitter_us: float = 0.0
     """standard deviation of that delay from decision to decision, us; decisions stay in order"""
 
@@ -396,7 +396,7 @@ class LoopConfig:
         """The arguments limits, max_s and delays of ClosedLoop and ClosedLoop.around.
 
         Raises:
-            EvsError: A limit without a range, or a sensor with two.
+            EvsError: A limit has no range, or a sensor has two limits.
         """
         names = [limit.sensor for limit in self.limits]
         for place, name in enumerate(names):

@@ -24,7 +24,7 @@ from evs.emulator.config.keywords import named_keywords
 @named_keywords
 @dataclass(frozen=True)
 class BiasConfig:
-    """[sensor.biases]: the chip's own biases, by its drivers' names. None: the preset's value.
+    """[sensor.biases]: the chip's own biases, with its drivers' names. None: the preset's value.
 
     A sensor accepts only the biases of its own chip. Each bias scales a parameter of the preset by
     the chip's law (emulator/sensor/bias_laws.py).
@@ -173,8 +173,8 @@ class PixelKeys(Generic[Unset]):
     )
     temperature_c: float | Unset = parameter(
         25.0,
-        "temperature of the chip: dark current and leak double about every 8 degrees; dark_lux and "
-        "leak_rate_hz are those at 25",
+        "temperature of the chip: dark current and leak double about every 8 degrees; dark_lux "
+        "and leak_rate_hz apply at 25",
         unit="degrees C",
         within=(-40.0, 125.0),
     )
@@ -189,7 +189,7 @@ class PixelKeys(Generic[Unset]):
     dim_lux: float | Unset = parameter(
         20.0 / WHITE_DN * 1000.0,
         "added to the light that sets the bandwidth and the rate of shot noise, so that neither "
-        "ends in the dark; the default is v2e's 20 of 255 DN. 0 where dark_lux limits both",
+        "vanishes in the dark; the default is v2e's 20 of 255 DN. 0 where dark_lux limits both",
         unit="lux",
         within=(0.0, 1e6),
     )
@@ -282,8 +282,8 @@ class PixelKeys(Generic[Unset]):
     )
     refractory_period_s: float | Unset = parameter(
         0.0,
-        "refractory period: how long a pixel is blind after each event, in whole us; then its "
-        "reference is set to the light of that moment",
+        "refractory period: time for which a pixel is blind after each event, in whole us; its "
+        "reference is then set to the light at that time",
         unit="s",
         within=(0.0, 100.0),
         term="refractory",
@@ -392,9 +392,9 @@ class ApsKeys(Generic[Unset]):
     )
     crosstalk: float | Unset = parameter(
         0.0,
-        "crosstalk into the event pixels: by how much the signal of a pixel rises for an instant "
-        "when its row is read, before and after each exposure; pixels so near their ON threshold "
-        "fire; 0: none",
+        "crosstalk into the event pixels: the amount by which the signal of a pixel rises for an "
+        "instant when its row is read, before and after each exposure; pixels that reach their ON "
+        "threshold fire; 0: none",
         unit="log units",
         within=(0.0, 1.0),
     )
@@ -476,8 +476,8 @@ class ReadoutKeys(Generic[Unset]):
 
     order: str | Unset = parameter(
         "ideal",
-        "ideal: every event at its own time | arbiter: rows in turn, as they request (DAVIS) | "
-        "scan: the whole array again and again, column by column (DVXplorer)",
+        "ideal: every event at its own time | arbiter: requesting rows in turn (DAVIS) | scan: "
+        "the whole array periodically, column by column (DVXplorer)",
         choices=("ideal", "arbiter", "scan"),
         noun="order of readout",
     )
@@ -501,7 +501,7 @@ class ReadoutKeys(Generic[Unset]):
     )
     phase_ns: int | Unset = parameter(
         0,
-        "arbiter: the stamps of pixels are whole us; a request comes up to so long before its "
+        "arbiter: the stamps of pixels are whole us; a request comes up to this time before its "
         "stamp, evenly spread. 999: at any time of its us, as in silicon | 0: at its end, so that "
         "rows never share a stamp",
         unit="ns",
@@ -529,7 +529,7 @@ class ReadoutKeys(Generic[Unset]):
     )
     scan_every: int | Unset = parameter(
         1,
-        "scan: reads one scan of so many and skips the others",
+        "scan: reads one of this many scans and skips the others",
         within=(1, 10**6),
     )
     scan_events: int | Unset = parameter(
@@ -596,7 +596,7 @@ class ReadoutKeys(Generic[Unset]):
 @dataclass(frozen=True)
 @specialised
 class ApsConfig(ApsKeys[None]):
-    """[sensor.aps]: intensity frames beside the events, as in a DAVIS. None: the preset's value."""
+    """[sensor.aps]: intensity frames and events, as in a DAVIS. None: the preset's value."""
 
 
 @named_keywords

@@ -52,7 +52,7 @@ class NativeRuntime:
         Args:
             sensor: The sensor, resolved.
             weights: The network.
-            threads: Worker threads; 0: one a core.
+            threads: Worker threads; 0: one per core.
             isa: auto, avx512, avx2, neon or portable, all with the same bytes.
             sparse: Whether tiles where nothing moves are left out. Where that would be wrong, as
                 in a network with a bias, EvsNetModel turns it off.

@@ -59,7 +59,7 @@ class OnnxRuntime(DenseRuntime):
             sensor: The sensor, resolved.
             weights: The network.
             provider: A key of PROVIDERS.
-            threads: Worker threads; 0: one a core.
+            threads: Worker threads; 0: one per core.
             most: Events of a pixel in a tick.
 
         Raises:

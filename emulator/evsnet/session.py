@@ -49,7 +49,7 @@ def open_session(graph: bytes, provider: str = "cpu", threads: int = 0) -> Any:
     Args:
         graph: The ONNX file.
         provider: A key of PROVIDERS.
-        threads: Worker threads; 0: one a core. Any number gives the same bytes.
+        threads: Worker threads; 0: one per core. Any number gives the same bytes.
 
     Raises:
         EvsError: No onnxruntime, no such provider, or no sound graph.

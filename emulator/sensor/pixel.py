@@ -46,7 +46,7 @@ class PlainModel:
 
         Args:
             sensor: The sensor, resolved.
-            threads: Worker threads; 0: one a core.
+            threads: Worker threads; 0: one per core.
             isa: auto, avx512, avx2, neon or portable, all with the same bytes.
             average: The running mean in front of the pixels; None: there is none.
             causes: Whether byte 13 of each event is its msgs.Cause; it is zero otherwise.

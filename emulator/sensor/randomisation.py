@@ -75,7 +75,7 @@ class DrawnSensor:
 
 
 class SensorRanges:
-    """Ranges of a sensor's parameters, checked; `draw` gives the sensor of an episode.
+    """Validated ranges of a sensor's parameters; `draw` returns the sensor of an episode.
 
         ranges = SensorRanges({"pos_thres": "uniform(0.15, 0.35)"}, "davis346")
         camera = evs.EventCamera(model, sensor=ranges.draw(seed=1, episode=0).config)
@@ -88,11 +88,11 @@ class SensorRanges:
 
         Args:
             ranges: Key of [sensor] -> its range, as described above.
-            sensor: Name of a preset, or a configuration, which gives all other values.
+            sensor: Name of a preset, or a configuration, for all other values.
 
         Raises:
-            EvsError: No such key or distribution, a range outside the key's own, or values that
-                make no sensor.
+            EvsError: No such key or distribution, a range beyond the limits of its key, or values
+                that no sensor can have.
         """
         if not isinstance(sensor, str | SensorConfig):
             raise EvsError(f"sensor= takes a name or a SensorConfig, not {sensor!r}")
@@ -119,11 +119,11 @@ class SensorRanges:
         """Draw the sensor of an episode.
 
         Args:
-            seed: Any whole number; it counts modulo 2^64.
+            seed: Any whole number, modulo 2^64.
             episode: Number of the episode, 0 ... 2^63 - 1.
 
         Raises:
-            EvsError: Seed or episode is no such number.
+            EvsError: Seed or episode is out of range.
         """
         values = draw_values(self._parts, seed, episode)
         made = sensor_with_values(self.sensor, values)
@@ -165,10 +165,10 @@ def randomise_sensor(
         sensor = evs.randomise_sensor("davis346", {"pos_thres": "uniform(0.15, 0.35)"}, seed=7)
 
     Args:
-        sensor: Name of a preset, or a configuration, which gives all other values.
+        sensor: Name of a preset, or a configuration, for all other values.
         ranges: Key of [sensor], dotted inside its tables, such as readout.scan_us -> one of
             uniform(low, high), log_uniform(low, high), normal(mean, deviation) and
-            choice(a, b, ...); behind it `* nominal` or `* KEY` multiplies it, and + adds.
+            choice(a, b, ...); a suffix `* nominal` or `* KEY` multiplies it, and + adds.
         seed: Any whole number.
         episode: Number of the episode, 0 or more.
 
@@ -176,20 +176,20 @@ def randomise_sensor(
         The sensor with a value for every key of `ranges`.
 
     Raises:
-        EvsError: A key, a range or a number makes no sense; one line.
+        EvsError: A key, a range or a number is invalid.
     """
     return SensorRanges(ranges, sensor).draw(seed, episode).config
 
 
 def sensor_with_values(sensor: str | SensorConfig, values: Mapping[str, Number]) -> SensorConfig:
-    """A sensor with some values, by dotted key: what a record of a randomised sensor holds.
+    """A sensor with values by dotted key, as in the record of a randomised sensor.
 
     Args:
         sensor: Name of a preset, or a configuration.
         values: Key of [sensor], such as pos_thres or readout.scan_us -> value.
 
     Raises:
-        EvsError: There is no such numeric key, or a value is no number.
+        EvsError: There is no such numeric key, or a value is not a number.
     """
     config = SensorConfig(preset=sensor) if isinstance(sensor, str) else sensor
     if not isinstance(values, Mapping):

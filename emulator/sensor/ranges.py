@@ -80,14 +80,14 @@ def draw_values(parts: Sequence[Range], seed: int, episode: int) -> dict[str, Nu
 
     Args:
         parts: See `bound_ranges`.
-        seed: Any whole number; it counts modulo 2^64.
+        seed: Any whole number, modulo 2^64.
         episode: Number of the episode, 0 ... 2^63 - 1.
 
     Returns:
         Name of the key -> value, in the order of the names.
 
     Raises:
-        EvsError: Seed or episode is no such number.
+        EvsError: Seed or episode is out of range.
     """
     seed, episode = plain_integer(seed, "seed"), plain_integer(episode, "episode")
     if not 0 <= episode < 2**63:

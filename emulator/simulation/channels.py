@@ -49,7 +49,7 @@ class Channels:
         Args:
             delays: Of all of them.
             cameras: Names of the cameras.
-            nu: How many controls there are.
+            nu: Number of controls.
             seed: Jitter and losses follow from it.
         """
         self.delays, self.cameras, self.nu = delays, tuple(cameras), nu

@@ -43,7 +43,7 @@ from evs.msgs import EventPacket, EvsError, Observation, StreamInfo
 
 
 class ClosedLoop(Resumable):
-    """Lock-step: each `step` takes a decision, and gives what has arrived for the next one.
+    """A closed loop in lock-step: `step` takes a decision and returns the next observation.
 
         limits = {"tilt": (-0.5, 0.5)}
         loop = ClosedLoop("cart.xml", cameras=("left", "right"), limits=limits, max_s=30.0)
@@ -51,7 +51,7 @@ class ClosedLoop(Resumable):
         while not seen.done:
             seen = loop.step(controller(seen))
 
-    A camera's packets are those of whole ticks. Same seed, same controls: same bytes.
+    Packets hold whole ticks. The same seed and the same controls give the same bytes.
     """
 
     def __init__(
@@ -75,19 +75,19 @@ class ClosedLoop(Resumable):
 
         Args:
             scene: See `World`.
-            cameras: Names of the model's cameras, or descriptions; "" is its first, else a free
-                camera.
+            cameras: Names of the model's cameras, or descriptions; "" is the first camera of the
+                model, or a free camera if it has none.
             tick_us: Length of a tick, us.
             sensor: See `World.add_camera`. It applies to every camera.
             render: See `World.add_camera`.
             model: See `World.add_camera`.
-            seed: Every random number follows from it.
-            threads: Worker threads; 0: one a core.
+            seed: Determines every random number.
+            threads: Worker threads; 0: one per core.
             limits: Name of a sensor of the model -> (low, high); a reading outside ends the
                 episode.
-            max_s: Simulated seconds after which the episode ends; None: it has no end.
-            delays: Between cameras, controller and actuators; None: there are none.
-            meter: Measures how long each stage takes.
+            max_s: Simulated seconds after which the episode ends; None: no limit.
+            delays: Delays between cameras, controller and actuators; None: no delays.
+            meter: Measures the time of each stage.
             visual: See `World`.
 
         Raises:
@@ -110,7 +110,7 @@ class ClosedLoop(Resumable):
         max_s: float | None = None,
         delays: DelayConfig | None = None,
     ) -> ClosedLoop:
-        """Put a loop around a world with all its cameras; from then on only the loop steps it.
+        """Make a loop around a world with all its cameras; afterwards only the loop may step it.
 
         Until the first control is given, the world's own control source acts.
 
@@ -174,20 +174,21 @@ class ClosedLoop(Resumable):
 
         Args:
             seed: All noise follows from it; None keeps the last one.
-            keyframe: Name or number of the keyframe to start from; "" is as the world was made.
-            state: Whether observations of this episode carry the state of the physics.
+            keyframe: Name or number of the keyframe to start from; "" is the keyframe of the
+                constructor.
+            state: Whether observations of this episode contain the state of the physics.
             start: Puts the MjData into another state before the first observation.
-            sensor: Another sensor for every camera, as of World.reset; None keeps the last.
-            scene: Values of the scene, as of World.reset; None keeps the last.
+            sensor: Another sensor for every camera; see `World.reset`. None keeps the last.
+            scene: Values of the scene; see `World.reset`. None keeps the last.
             must_run: Whether a start outside the limits, where the episode is over at once, is an
                 error.
 
         Returns:
-            What is known before the first tick: the encoders, and no event.
+            The observation before the first tick: the encoders, without events.
 
         Raises:
-            EvsError: No such keyframe or key, values that make no model, or a sensor that no
-                camera can have; nothing has changed, nor where `start` raises.
+            EvsError: No such keyframe or key, invalid values, or an impossible sensor. Nothing has
+                changed, even if `start` raised the error.
         """
         world = self.world
         reset = world.prepare_reset(seed, keyframe, sensor, scene)
@@ -201,18 +202,18 @@ class ClosedLoop(Resumable):
             return self._seen()
 
     def step(self, ctrl: npt.ArrayLike | None = None, ticks: int = 1) -> Observation:
-        """Decide, then go on for so many ticks, fewer where the episode ends.
+        """Apply a decision and advance by some ticks, or fewer if the episode ends.
 
         Args:
-            ctrl: (nu,) controls, which hold until others act; None keeps the last.
+            ctrl: (nu,) controls, which hold until the next ones take effect; None keeps the last.
             ticks: 1 or more.
 
         Returns:
-            What has arrived by the end of them.
+            The observation at the end of these ticks.
 
         Raises:
-            EvsError: The controls have another shape or are not finite, there is no tick, no reset
-                before, or the episode is over; the world has not moved.
+            EvsError: The controls have a wrong shape or are not finite, ticks is below 1, there was
+                no reset, or the episode is over. The world has not moved.
         """
         self._check_going()
         ticks = plain_integer(ticks, "ticks")
@@ -253,10 +254,11 @@ class ClosedLoop(Resumable):
         return super().save(compress)
 
     def restore(self, blob: bytes) -> Observation:
-        """See Resumable.restore; the loop need not have been reset before.
+        """See `Resumable.restore`. No reset is required before.
 
         Returns:
-            The encoders there, and no packets: those that had arrived were handed out.
+            The observation at that time, with encoders and without packets, which `step` has
+            already returned.
         """
         with self.world.values_of(blob):
             super().restore(blob)
@@ -335,38 +337,38 @@ class ClosedLoop(Resumable):
 
     @property
     def nu(self) -> int:
-        """How many controls there are."""
+        """Number of controls."""
         return int(self.world.model.nu)
 
     @property
     def dropped(self) -> dict[str, int]:
-        """Packets, frames and IMU packets of each camera that got lost in this episode."""
+        """Packets, frames and IMU packets of each camera that were lost in this episode."""
         return self._channels.dropped
 
     @property
     def events_dropped(self) -> int:
-        """Events in the packets that got lost in this episode."""
+        """Events in the packets that were lost in this episode."""
         return self._channels.events_dropped
 
     @property
     def done(self) -> str:
-        """Why the episode is over; "": it goes on, or has not begun."""
+        """The reason why the episode ended; "" if it continues or has not begun."""
         return self._done or ""
 
     @property
     def actuators(self) -> tuple[str, ...]:
-        """Names of the actuators, in the order of the controls. EvsError: one has several."""
+        """Names of the actuators, in the order of the controls. Raises EvsError."""
         return actuator_names(self.world.model)
 
     @property
     def ctrl(self) -> F64:
-        """(nu,) the last that was decided, whether it acts yet or not, a copy."""
+        """(nu,) the last decision, whether it has taken effect or not, a copy."""
         waiting = self._channels.controls.waiting
         return np.array(waiting[-1].message if waiting else self.world.data.ctrl, np.float64)
 
     @property
     def ctrl_range(self) -> F64:
-        """(nu, 2) lowest and highest control of each actuator; infinite where it has no limit."""
+        """(nu, 2) lowest and highest control of each actuator; infinite without a limit."""
         return control_range(self.world.model)
 
     @property

@@ -58,15 +58,15 @@ def _kind(thing: object) -> str:
 
 
 class EventCamera(Resumable):
-    """An event camera for a mujoco.MjModel that somebody else steps.
+    """An event camera for a mujoco.MjModel that your own code steps.
 
         sensor = EventCamera(model, camera="track")
         while True:
             mujoco.mj_step(model, data)
             events = sensor.observe(data)
 
-    Works with any step length, also a varying one. Neither the model nor the data is changed. A
-    daemon thread that observes is ended (SystemExit) when the interpreter exits.
+    It works with any step length, which may vary. Neither the model nor the data is changed. If a
+    daemon thread observes while the interpreter exits, it ends with SystemExit.
 
     The model may be edited between calls: the next observe shows it. Vertices of meshes, heights,
     texels, skins and flexes are compared only in the first observe after `reset`, and in `refresh`.
@@ -88,19 +88,19 @@ class EventCamera(Resumable):
         """Put a camera into a model.
 
         Args:
-            model: Stepped by somebody else; it is not changed.
+            model: The model, which is not changed.
             camera: The name of one of the model's cameras, or a description; "" is its first.
             sensor: The name of a preset, or a configuration.
             render: How light reaches the pixels; None: the defaults.
             model_config: What turns light into events; None: the defaults.
-            seed: Every random number of the sensor follows from it.
-            threads: Worker threads; 0: one a core.
+            seed: Determines every random number of the sensor.
+            threads: Worker threads; 0: one per core.
             name: Its name in packets; None: after the model's camera.
-            visual: Groups and flags that are seen, a mujoco.MjvOption or a VisualConfig; None: what
-                MuJoCo shows by default.
+            visual: Visible groups and flags, a mujoco.MjvOption or a VisualConfig; None: MuJoCo's
+                default.
 
         Raises:
-            EvsError: No MjModel, no such camera or preset, or a configuration without sense.
+            EvsError: Not an MjModel, no such camera or preset, or an invalid configuration.
         """
         if not isinstance(model, MjModel):
             raise EvsError(
@@ -159,19 +159,19 @@ class EventCamera(Resumable):
         return html_card(f"EventCamera {info.camera}", facts | event_facts(events), picture)
 
     def observe(self, data: MjData) -> Events:
-        """See the world as it is now. The first call sets the reference and gives no events.
+        """Observe the present state. The first call sets the reference and returns no events.
 
         Args:
-            data: Of the model, or of a copy that is as the model is; it is only read.
+            data: Data of the model, or of an identical copy of it; it is only read.
 
         Returns:
             (n,) EVENT_DTYPE, the events since the last call, sorted by t, us of `data.time`.
 
         Raises:
-            UnstableError: The simulation became unstable and MuJoCo reset the data, so that time
-                went back. A `UnstableWarning` reports other instabilities, once.
-            EvsError: Time did not advance, the data is not of this model, or the model was edited
-                into something that cannot be shown.
+            UnstableError: The simulation became unstable and MuJoCo reset the data, so time went
+                backwards. An `UnstableWarning` reports other instabilities, once.
+            EvsError: Time did not advance, the data belongs to another model, or the edited model
+                cannot be shown.
         """
         if not isinstance(data, MjData):
             raise EvsError(
@@ -204,18 +204,18 @@ class EventCamera(Resumable):
         return self.packet.events
 
     def reset(self, seed: int | None = None, sensor: str | SensorConfig | None = None) -> None:
-        """As new: call it after the data was reset. The next observe sets the reference again.
+        """Start again; call it after the data was reset. The next observe sets the reference.
 
-        That observe also compares what every one would take too long for: vertices of meshes,
-        heights, texels, skins and flexes.
+        That observe also compares arrays that are too large to compare every time: vertices of
+        meshes, heights, texels, skins and flexes.
 
         Args:
-            seed: All noise follows from it from now on; None keeps the last.
+            seed: Determines all noise from now on; None keeps the last.
             sensor: Another sensor of the same size from now on, as in evs.randomise_sensor; None
                 keeps the last.
 
         Raises:
-            EvsError: The sensor makes no sense, or has another size; nothing has changed.
+            EvsError: The sensor is invalid or has another size. Nothing has changed.
         """
         self._camera.reset(None if seed is None else plain_integer(seed, "seed"), sensor)
         self._scene.compare_large_arrays()
@@ -231,7 +231,7 @@ class EventCamera(Resumable):
                 `**{"biases.bias_diff_on": 20}`.
 
         Raises:
-            EvsError: As Camera.adjust; nothing has changed.
+            EvsError: See `Camera.adjust`. Nothing has changed.
         """
         self._camera.adjust(**keys)
 
@@ -279,11 +279,11 @@ class EventCamera(Resumable):
         }
 
     def refresh(self) -> None:
-        """Compare all of the model now, and show what was changed: large arrays as well.
+        """Compare the whole model now, large arrays included, and show the changes.
 
-        Those are vertices of meshes, heights, texels, skins and flexes; whatever else is edited,
-        the next observe shows by itself. The pixels keep their state, so they see the change as
-        they would see any other.
+        The large arrays are vertices of meshes, heights, texels, skins and flexes. The next observe
+        shows all other edits without this call. The pixels keep their state, so they respond to the
+        change like to any other.
 
         Raises:
             EvsError: The model cannot be shown.
@@ -310,7 +310,7 @@ class EventCamera(Resumable):
 
     @property
     def events_dropped(self) -> dict[str, int]:
-        """Events that the readout dropped since the last reset, by cause (empty: it is ideal)."""
+        """Events that the readout dropped since the last reset, by cause (empty if it is ideal)."""
         return self._camera.events_dropped
 
     @property
@@ -320,9 +320,9 @@ class EventCamera(Resumable):
 
     @property
     def rebuilt(self) -> dict[str, int]:
-        """How often the scene was built again since this was made, as the model was edited.
+        """Number of rebuilds of the scene because the model was edited.
 
-        `scenes`, and of these how many `meshes` and `textures`; nothing else was built again.
+        `scenes` counts all of them; `meshes` and `textures` count the rebuilt parts.
         """
         return dict(self._camera.rebuilt)
 
@@ -337,5 +337,5 @@ class EventCamera(Resumable):
 
     @property
     def info(self) -> StreamInfo:
-        """What is constant of its stream."""
+        """The constant facts of its stream."""
         return self._camera.info

@@ -121,7 +121,7 @@ class PipelinedWorld:
         return tuple([packet for each in packets for packet in each])
 
     def finish(self) -> tuple[EventPacket, ...]:
-        """The packets of ticks that wait for the rest of their chunk (model.chunk), without it."""
+        """The packets of ticks in an incomplete chunk (model.chunk)."""
         return self._world.finish()
 
     def close(self) -> None:

@@ -45,12 +45,12 @@ class Pixels(Resumable):
             events = pixels.observe(frame, t_us)
         last = pixels.finish()
 
-    Frames may come from any renderer, simulator or film, at any spacing, also a varying one. From
-    one frame to the next the logarithm of each pixel's light goes in a straight line, as in every
-    tick of evs: nothing is known of what moved in between.
+    Frames may come from any renderer, simulator or film, at any spacing, which may vary. The
+    logarithm of each pixel's light is interpolated linearly between two frames, as in every tick of
+    evs. Motion between two frames is unknown.
 
-    The stream is the same as that of an EventCamera: `packet`, `frames` and `info` are what
-    recorders, publishers and other sinks take.
+    The stream is the same as that of an EventCamera: recorders, publishers and other sinks take
+    `packet`, `frames` and `info`.
     """
 
     _t_us: int | None
@@ -79,23 +79,23 @@ class Pixels(Resumable):
         Args:
             sensor: The name of a preset, the path of a sensor file, or a configuration.
             size: Width and height of sensor and frames, px; None: the preset's.
-            model: What turns light into events: plain, adaptive or evsnet, or a configuration. The
-                mean of `adaptive` is fitted to frames 1 ms apart; `evsnet` needs frames exactly as
-                far apart as its network's ticks.
+            model: What turns light into events: plain, adaptive or evsnet, or a configuration.
+                `adaptive` is fitted to frames 1 ms apart; `evsnet` needs frames exactly one tick of
+                its network apart.
             unit: What the numbers of a frame mean. `luminance`: linear, white is 1.0 (255 of uint8,
                 65535 of uint16). `srgb`: the same, sRGB-coded. `dn`: linear, white is 255. `lux`:
                 the illuminance of the sensor. `auto`: srgb for uint8 and uint16, luminance for
                 floats.
-            seed: Every random number of the sensor follows from it.
-            threads: Worker threads; 0: one a core. The bytes are the same.
+            seed: Determines every random number of the sensor.
+            threads: Worker threads; 0: one per core. The bytes are the same.
             name: Of the camera, in packets.
-            tick_us: The usual time between two frames, us, for the headers of recordings; any other
-                is possible.
-            **keys: Any key of [sensor], as in pos_thres=0.3. Those of its tables have a dot, as in
+            tick_us: The usual time between two frames, us, for the headers of recordings. Frames
+                may have other distances.
+            **keys: Any key of [sensor], as in pos_thres=0.3. Keys of its tables have a dot, as in
                 **{"readout.bandwidth_mevs": 5}, or are a dict or a configuration.
 
         Raises:
-            EvsError: No such preset, model, unit or key, or a configuration without sense.
+            EvsError: No such preset, model, unit or key, or an invalid configuration.
         """
         if not isinstance(sensor, str | SensorConfig):
             raise EvsError(f"sensor= takes a name or a SensorConfig, not {sensor!r}")
@@ -162,21 +162,23 @@ class Pixels(Resumable):
         return f"<evs.Pixels '{info.camera}': {info.sensor} {info.width} x {info.height}, {seen}>"
 
     def observe(self, light: Any, t_us: int, ids: Any = None) -> Events:
-        """See a frame. The first call sets the reference and gives no events.
+        """Observe a frame. The first call sets the reference and returns no events.
 
         Args:
             light: (h, w) grey, or (h, w, 3) RGB, or (h, w, 4) whose alpha has no effect; uint8,
-                uint16 or a float, in the unit of the constructor. A NumPy array, or anything with
-                DLPack in the memory of this process, as a tensor of PyTorch on the CPU. It is only
-                read, and not needed after the call.
-            t_us: When the frame shows the world, us.
-            ids: (h, w) whole numbers, what each pixel shows, for `labels`; None: -1 everywhere.
+                uint16 or a float, in the unit of the constructor. A NumPy array, or an object that
+                supports DLPack on the CPU, such as a tensor of PyTorch. It is only read, and not
+                needed after the call.
+            t_us: Time of the frame, us.
+            ids: (h, w) whole numbers, the id that each pixel shows, for `labels`; None: -1
+                everywhere.
 
         Returns:
             (n,) EVENT_DTYPE, the events since the last frame, sorted by t.
 
         Raises:
-            EvsError: Another shape or dtype, time that did not advance, an array on another device.
+            EvsError: A wrong shape or dtype, a time that did not advance, or an array on another
+                device.
         """
         now_us = self._check_time(t_us)
         geom_ids = self._check_ids(ids)
@@ -189,16 +191,16 @@ class Pixels(Resumable):
         return empty_events() if is_first else self._deliver(done)
 
     def finish(self) -> Events:
-        """Read out the events that are still on their way; call it after the last frame.
+        """Read out the pending events; call it after the last frame.
 
-        A readout that is busy or a pixel that is late gives events after the last frame. Time goes
-        on for them, and no pixel fires any more.
+        A busy readout or the latency of pixels delays events beyond the last frame. Time continues
+        for them, but no pixel fires again.
 
         Returns:
             (n,) EVENT_DTYPE, sorted by t. `packet` holds them too, if there are any.
 
         Raises:
-            EvsError: The readout takes longer than time can be counted.
+            EvsError: The readout takes longer than the clock can count.
         """
         self._finished = True
         if self._t_us is None:
@@ -260,7 +262,7 @@ class Pixels(Resumable):
         return array.astype(np.int32)
 
     def reset(self) -> None:
-        """As new: the next frame sets the reference again, at any time."""
+        """Start again: the next frame sets the reference, at any time."""
         self._stages.reset(self._seed)
         self._auxiliary.reset(self._seed)
         self._t_us = None
@@ -327,7 +329,7 @@ class Pixels(Resumable):
 
     @property
     def clamps(self) -> int:
-        """Pixels times frames whose light was none (NaN, negative, infinite) and was replaced.
+        """Number of pixel values that were NaN, negative or infinite and were replaced.
 
         Such a pixel keeps its last light.
         """
@@ -335,17 +337,17 @@ class Pixels(Resumable):
 
     @property
     def events_dropped(self) -> dict[str, int]:
-        """Events that the readout dropped since the last reset, by cause (empty: it is ideal)."""
+        """Events that the readout dropped since the last reset, by cause (empty if it is ideal)."""
         return self._stages.events_dropped
 
     @property
     def events_waiting(self) -> int:
-        """Events that are still on their way through the readout; `finish` reads them out."""
+        """Pending events in the readout; `finish` reads them out."""
         return self._stages.events_waiting
 
     @property
     def features(self) -> dict[str, bool]:
-        """Which code paths it runs, by name, as `evs plan` lists them."""
+        """The active code paths, with the names of `evs plan`."""
         return {**self._stages.features, **self._auxiliary.features}
 
 

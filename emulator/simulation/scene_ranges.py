@@ -57,7 +57,7 @@ class DrawnScene:
 
 
 class SceneRanges:
-    """Ranges of a scene's values, checked; `draw` gives the values of an episode.
+    """Validated ranges of a scene's values; `draw` returns the values of an episode.
 
         ranges = SceneRanges({"body.pole.mass": "uniform(0.5, 2) * nominal"}, "robot.xml")
         world = evs.World("robot.xml")
@@ -75,8 +75,8 @@ class SceneRanges:
             visual: See `World`. Geoms that it hides have no colour.
 
         Raises:
-            EvsError: No such object, attribute or distribution, a range outside the key's own, two
-                ranges for one number, or values that make no model.
+            EvsError: No such object, attribute or distribution, a range beyond the limits of its
+                key, two ranges for one number, or invalid values.
         """
         if not isinstance(ranges, Mapping):
             raise EvsError(
@@ -117,11 +117,11 @@ class SceneRanges:
         """Draw the values of an episode.
 
         Args:
-            seed: Any whole number; it counts modulo 2^64.
+            seed: Any whole number, modulo 2^64.
             episode: Number of the episode, 0 ... 2^63 - 1.
 
         Raises:
-            EvsError: Seed or episode is no such number.
+            EvsError: Seed or episode is out of range.
         """
         values = draw_values(self._parts, seed, episode)
         return DrawnScene(dict(values), int(seed), int(episode))

@@ -52,12 +52,12 @@ class StackedArrays:
 
         Args:
             kind: event_frame | voxel_grid | time_surface | packet
-            count: How many worlds.
+            count: Number of worlds.
             size: (width, height) of the sensor, px.
             bins: Of a voxel grid.
             tau_us: Time constant of a time surface, us.
             capacity: Events of a packet.
-            threads: Worlds at once; 0: one a core.
+            threads: Worlds to step at once; 0: one per core.
 
         Raises:
             EvsError: An unknown kind, or a value that makes no sense.

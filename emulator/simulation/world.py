@@ -65,14 +65,15 @@ from evs.msgs import EventPacket, EvsError
 
 
 class World(Resumable):
-    """A scene that we step, and the cameras that watch it.
+    """A scene that evs steps, with any number of cameras.
 
         world = World("humanoid.xml", control="random")
         camera = world.add_camera("track")
         for (packet,) in world.run(2.0): ...
 
-    Before the first step, `world.data` may be put into any state: the light then is the reference.
-    `world.model` may be edited between steps: the next one shows it. Vertices of meshes, heights,
+    Before the first step, you may put `world.data` into any state, whose light is then the
+    reference. You may edit `world.model` between steps; the next step shows the changes. Vertices
+    of meshes, heights,
     texels, skins and flexes are compared only in the first step after `reset`.
     """
 
@@ -90,19 +91,19 @@ class World(Resumable):
         """Load the scene.
 
         Args:
-            scene: A path to MJCF or MJB, a MjModel or MjSpec (copied), or a SceneConfig, whose
-                tick, control and keyframe then hold.
+            scene: A path to MJCF or MJB, an MjModel or MjSpec (copied), or a SceneConfig, whose
+                tick, control and keyframe are then used.
             tick_us: Length of a tick, us.
             control: "auto" (the controls of `home` if it starts there, else zero), "zero",
                 "keyframe", "random", or a function `f(t_s, data) -> ctrl`.
-            seed: Every random number of controls and sensors follows from it.
-            threads: Worker threads of renderers and pixels; 0: one a core.
-            meter: Measures how long each stage takes.
-            visual: Groups and flags that are seen, a mujoco.MjvOption or a VisualConfig; None:
-                those of the SceneConfig, else what MuJoCo shows by default.
+            seed: Determines every random number of controls and sensors.
+            threads: Worker threads of renderers and pixels; 0: one per core.
+            meter: Measures the time of each stage.
+            visual: Visible groups and flags, a mujoco.MjvOption or a VisualConfig; None: those of
+                the SceneConfig, or otherwise MuJoCo's default.
 
         Raises:
-            EvsError: The scene does not load, or an argument makes no sense; one line.
+            EvsError: The scene does not load, or an argument is invalid.
         """
         if isinstance(scene, SceneConfig):
             settings = plain_config(scene, "scene")
@@ -150,7 +151,7 @@ class World(Resumable):
 
     @classmethod
     def from_config(cls, config: RunConfig, meter: Meter | None = None) -> World:
-        """The world of a pipeline, with its one camera. Raises EvsError.
+        """The world of a pipeline, with its camera. Raises EvsError.
 
         Headers have the keys of RunConfig, and none of a subclass.
         """
@@ -161,9 +162,9 @@ class World(Resumable):
     def twin(self) -> World:
         """Another world of the same model object, in its start state, without cameras.
 
-        It has the same values of the scene, and starts where they put it. What is the same is
-        shared: the model, which neither may edit alone, and its scene. A twin that is reset with
-        `scene` goes on with a copy of the model.
+        It has the same values of the scene and the start state that follows from them. Both share
+        the model and its scene, so neither may edit the model alone. A twin that is reset with
+        `scene` continues with a copy of the model.
         """
         other = World.__new__(World)
         other._scene_config, other.start_us = self._scene_config, self.start_us
@@ -201,13 +202,13 @@ class World(Resumable):
             one.part(model)
 
     def add_like(self, camera: Camera) -> Camera:
-        """Add the camera of a twin, with a seed of its own, on this world's clock."""
+        """Add the camera of a twin with its own seed, on this world's clock."""
         config = replace(camera.config, seed=self._seed + len(self._cameras))
         return self._add(config, camera.name, like=camera)
 
     @classmethod
     def with_view(cls, config: RunConfig, rgb: bool = False) -> tuple[World, View]:
-        """The world of a pipeline, and what its camera would see: no pixels, no events."""
+        """The world of a pipeline and a view through its camera, without pixels and events."""
         world = cls(config.scene, seed=config.seed, threads=config.threads)
         return world, world._add_view(config, rgb)
 
@@ -220,23 +221,23 @@ class World(Resumable):
         model: ModelConfig | None = None,
         name: str | None = None,
     ) -> Camera:
-        """Add a camera on this world's clock; its packets come last in each step.
+        """Add a camera on this world's clock; its packet is the last of each step.
 
-        The n-th camera's pixels follow from seed + n, so that no two are alike.
+        The pixels of camera n follow from seed + n, so no two cameras have the same noise.
 
         Args:
-            camera: The name of one of the model's cameras, or a description; "" is that of the
-                SceneConfig, else the model's first, else a free camera.
+            camera: The name of one of the model's cameras, or a description; "" is the camera of
+                the SceneConfig, else the first of the model, else a free camera.
             sensor: The name of a preset, or a configuration.
             render: How light reaches the pixels; None: the defaults.
             model: What turns light into events; None: the defaults.
-            name: Its name on the bus and in recordings; None: after the model's camera.
+            name: The name on the bus and in recordings; None: the name of the model's camera.
 
         Returns:
             The camera.
 
         Raises:
-            EvsError: No such camera or preset, or a configuration that makes no sense.
+            EvsError: No such camera or preset, or an invalid configuration.
         """
         scene, seed = self._scene_config, self._seed + len(self._cameras)
         camera = scene.camera if camera == "" else camera
@@ -279,9 +280,9 @@ class World(Resumable):
 
         Args:
             camera: See `add_camera`.
-            sensor: Its size alone counts.
+            sensor: Only its size is used.
             render: How light reaches the pixels; None: the defaults.
-            rgb: Whether colour is wanted too.
+            rgb: Whether to render colour too.
 
         Returns:
             The view.
@@ -346,14 +347,14 @@ class World(Resumable):
         return commit
 
     def see_closely(self) -> bool:
-        """Show edits of large arrays too; whether anything had been edited. Raises EvsError."""
+        """Show edits of large arrays too; return whether there were edits. Raises EvsError."""
         before = self._scene.revision
         self._scene.compare_large_arrays()
         return self.revision != before
 
     @property
     def revision(self) -> int:
-        """How often edits of the model were shown, those until now included. Raises EvsError."""
+        """Number of times that edits of the model were shown, until now. Raises EvsError."""
         self._see_edits()
         return self._scene.revision
 
@@ -363,12 +364,12 @@ class World(Resumable):
 
     @contextmanager
     def values_of(self, blob: bytes) -> Iterator[None]:
-        """Show the values of the scene that a saved state was saved with.
+        """Show the values of the scene of a saved state.
 
-        If the block raises, those of before hold again: see `with_values`.
+        If the block raises, the previous values are restored; see `with_values`.
 
         Args:
-            blob: What `save` gave.
+            blob: The result of `save`.
 
         Raises:
             EvsError: It is damaged.
@@ -386,14 +387,14 @@ class World(Resumable):
     def with_values(self, values: Mapping[str, float] | None) -> Iterator[None]:
         """Show these values of the scene.
 
-        If the block raises, model, cameras and views are what they were before, to the byte. In the
-        block nothing else may change them.
+        If the block raises, model, cameras and views are restored, to the byte. Nothing else may
+        change them in the block.
 
         Args:
-            values: As SceneValues.check gave them; None: those that hold.
+            values: The result of `SceneValues.check`; None: the present values.
 
         Raises:
-            EvsError: They make no model; nothing has changed.
+            EvsError: They are invalid. Nothing has changed.
         """
         if values is None or values == self._values.values:
             yield
@@ -448,7 +449,7 @@ class World(Resumable):
 
     @property
     def identity(self) -> dict[str, Any]:
-        """Where a saved state belongs, in plain values: model, versions, what shapes the events."""
+        """What a saved state belongs to, in plain values: model, versions, event settings."""
         settings = asdict(self._scene_config)
         keys = ("start_us", "control", "control_file", "control_hz", "control_scale", "keyframe")
         return {
@@ -464,7 +465,7 @@ class World(Resumable):
         }
 
     def go_on(self, places: F64, before: F64) -> tuple[SceneSnapshot, SceneSnapshot]:
-        """Remember the last two instants, after ticks that were taken elsewhere.
+        """Store the last two instants, after ticks that a batch has stepped.
 
         Args:
             places: See `SnapshotTaker.places`.
@@ -488,12 +489,12 @@ class World(Resumable):
                 source.
 
         Returns:
-            One packet a camera. With model.chunk over 1 a camera has none while its chunk fills,
-            then one of each tick.
+            One packet per camera. With model.chunk over 1 a camera returns none while its chunk
+            fills, and then one for each tick.
 
         Raises:
-            UnstableError: The physics broke down; the packets until then stay true.
-            EvsError: The controls have another shape, or are not finite.
+            UnstableError: The physics became unstable; the packets until then are valid.
+            EvsError: The controls have a wrong shape or are not finite.
         """
         if ctrl is not None:
             self.given = check_control(ctrl, self.model.nu, "step(ctrl)")
@@ -501,7 +502,7 @@ class World(Resumable):
         return tuple([packet for camera in self._cameras for packet in camera.observe(snapshot)])
 
     def advance(self) -> SceneSnapshot:
-        """The physics of one tick, which no camera has seen yet: the first half of `step`."""
+        """The first half of `step`: advance the physics by one tick, without the cameras."""
         self.start_cameras()
         physics, values = self.physics, self.given
         if values is None:
@@ -525,21 +526,21 @@ class World(Resumable):
     ) -> None:
         """Go back to the beginning: time, physics, pixels and counters.
 
-        Until the next step `world.data` may be put into any state again.
+        Until the next step you may put `world.data` into any state again.
 
         Args:
-            seed: All random numbers follow from it from now on, as in a new world of that seed;
-                None keeps the last one.
-            keyframe: Name or number of the keyframe to start from; "" is as the world was made,
-                "none" the model's own qpos0.
-            sensor: Another sensor for every camera, as in evs.randomise_sensor; the size and the
-                scene stay, so this is quicker than another world. None keeps the last.
+            seed: Determines all random numbers from now on, as in a new world with that seed; None
+                keeps the last one.
+            keyframe: Name or number of the keyframe to start from; "" is the keyframe of the
+                constructor, "none" the model's own qpos0.
+            sensor: Another sensor for every camera, as in evs.randomise_sensor; it must have the
+                same size. This is faster than a new world. None keeps the last.
             scene: Values of the scene from now on, by key, as in evs.SceneRanges: lights, colours,
-                masses, where it starts. {} is the model's own; None keeps the last.
+                masses, initial state. {}: the model's own; None keeps the last.
 
         Raises:
-            EvsError: No such keyframe or key, values that make no model, or a sensor that no
-                camera can have; nothing has changed.
+            EvsError: No such keyframe or key, invalid values, or an impossible sensor. Nothing has
+                changed.
         """
         with reset_worlds([self], [self.prepare_reset(seed, keyframe, sensor, scene)]):
             pass
@@ -553,7 +554,7 @@ class World(Resumable):
     ) -> PreparedReset:
         """Check a reset, for `reset_worlds`.
 
-        Arguments and errors are those of `reset`; values may still make no model.
+        Arguments and errors are those of `reset`, but the values may still be invalid.
         """
         start = self.control.keyframe
         if keyframe != "":
@@ -582,7 +583,7 @@ class World(Resumable):
         return PreparedReset(start, values, commit)
 
     def start_physics(self, keyframe: int) -> None:
-        """Put the physics, and nothing else, where an episode begins.
+        """Put only the physics into the initial state of an episode.
 
         Args:
             keyframe: Id of the keyframe to start from; -1: qpos0.
@@ -590,11 +591,11 @@ class World(Resumable):
         self.physics.reset(keyframe, self._values.start)
 
     def finish(self) -> tuple[EventPacket, ...]:
-        """The packets of ticks that wait for the rest of their chunk (model.chunk), without it."""
+        """The packets of ticks in an incomplete chunk (model.chunk)."""
         return tuple(packet for camera in self._cameras for packet in camera.finish())
 
     def run(self, duration_s: float) -> Iterator[tuple[EventPacket, ...]]:
-        """Step through the whole ticks nearest to a duration, at least one; then `finish`.
+        """Step for a duration, rounded to whole ticks but at least one; then call `finish`.
 
         Args:
             duration_s: Simulated time, s.
@@ -603,7 +604,7 @@ class World(Resumable):
             The packets of each step.
 
         Raises:
-            EvsError: The duration is not over 0 s.
+            EvsError: The duration is not positive.
         """
         if not (duration_s > 0.0 and math.isfinite(duration_s)):
             raise EvsError(f"duration_s is {duration_s}: it must be over 0 s, for example 1.0")
@@ -617,7 +618,7 @@ class World(Resumable):
             yield rest
 
     def start_cameras(self) -> None:
-        """Cameras that have seen nothing yet take the light before this tick as their reference."""
+        """Set the light before this tick as the reference of cameras that have none yet."""
         new = [camera for camera in self._cameras if not camera.started]
         if new:
             snapshot = self._snapshot()
@@ -629,12 +630,12 @@ class World(Resumable):
 
     @property
     def visual(self) -> VisualConfig:
-        """Groups and flags that its cameras see."""
+        """Groups and flags that are visible to its cameras."""
         return self._scene_config.visual
 
     @property
     def scene_values(self) -> dict[str, float]:
-        """Values of the scene by key, since the last reset; without one the model's own holds."""
+        """Values of the scene by key, since the last reset; other values are the model's own."""
         return dict(self._values.values)
 
     @property
@@ -654,7 +655,7 @@ class World(Resumable):
 
     @property
     def seed(self) -> int:
-        """What all random numbers follow from, since the last reset."""
+        """The seed of all random numbers, since the last reset."""
         return self._seed
 
     @property
@@ -679,7 +680,7 @@ class World(Resumable):
 
     @property
     def chosen(self) -> tuple[str, ...]:
-        """One line for each thing that was decided in the user's place, with the key for it."""
+        """One line for each automatic decision, with the key that overrides it."""
         lines = []
         if self.keyframe and not self._scene_config.keyframe:
             held = " and holds its control" if self.control.holds else ""
@@ -693,7 +694,7 @@ class World(Resumable):
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """One line for each thing that is not shown, with the fix; issued as warnings before."""
+        """One line for each thing that is not shown, with the fix; also issued as warnings."""
         lines = (line for camera in self._cameras for line in camera.left_out)
         return (*self._scene.scene.left_out, *dict.fromkeys(lines))
 

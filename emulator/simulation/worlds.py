@@ -84,11 +84,11 @@ class Worlds:
             (seen,) = worlds.step(controls, ticks=10)     # controls (16, nu)
             seen[3]                                       # events of world 3
 
-    World i gives the bytes of `World(scene, seed=worlds.seeds[i])`; of a SceneConfig, which has a
-    control seed of its own, those of `World(scene, seed=worlds.seeds[0])` after a reset to that
-    seed. A world whose physics breaks down ends alone, see `ended`; the others go on. The model is
-    shared, and an edit of it shows in every world, until worlds are reset with `scene`: each of
-    these goes on with a copy of its own.
+    World i gives the bytes of `World(scene, seed=worlds.seeds[i])`. A SceneConfig has its own
+    control seed; world i then gives the bytes of `World(scene, seed=worlds.seeds[0])` after a reset
+    to the seed of world i. If the physics of a world becomes unstable, only this world ends (see
+    `ended`). The worlds share the model, so an edit of it shows in every world. A world that is
+    reset with `scene` continues with its own copy.
     """
 
     def __init__(
@@ -104,19 +104,18 @@ class Worlds:
         sensors: Iterable[str] | None = None,
         visual: Visual | None = None,
     ) -> None:
-        """Load the scene once, and make so many worlds of it.
+        """Load the scene once, and make several worlds of it.
 
         Args:
             scene: See `World`.
-            count: How many worlds.
+            count: Number of worlds.
             tick_us: See `World`.
             control: See `World`. A function is called for each world in turn.
-            seed: The seed of world 0; world i has seed + 65536 i.
-            threads: Worlds at once; 0: one a core.
+            seed: The seed of world 0; world i has the seed `seed + 65536 * i`.
+            threads: Worlds to step at once; 0: one per core.
             limits: Name of a sensor of the model -> (low, high); a world with a reading outside
-                ends.
-            sensors: Names of sensors that `readings` has; None: nothing is measured, but for
-                limits.
+                this range ends.
+            sensors: Names of the sensors in `readings`; None: only limits are measured.
             visual: See `World`.
 
         Raises:
@@ -183,7 +182,7 @@ class Worlds:
             name: See `World.add_camera`.
 
         Returns:
-            What is constant of its stream in world 0.
+            The constant facts of its stream in world 0.
 
         Raises:
             EvsError: See `World.add_camera`; or `model.chunk` is greater than 1.
@@ -206,15 +205,16 @@ class Worlds:
         """Advance every world that has not ended.
 
         Args:
-            ctrl: (n, nu) controls from now on, a row for each world, instead of the control source.
-            ticks: By how many ticks; or (n,) a number for each world, where 0 leaves it alone.
+            ctrl: (n, nu) controls from now on, one row per world, instead of the control source.
+            ticks: Number of ticks; or (n,) one number per world, where 0 does not advance the
+                world.
 
         Returns:
-            The events in these ticks, one a camera.
+            The events in these ticks, one item per camera.
 
         Raises:
-            EvsError: The controls have another shape, or are not finite, or ticks are negative or
-                none; no world has moved.
+            EvsError: The controls have a wrong shape or are not finite, or no tick is positive. No
+                world has moved.
         """
         wanted = self._checked_ticks(ticks)
         if ctrl is not None:
@@ -350,12 +350,12 @@ class Worlds:
         start: Start | None = None,
         must_run: bool = False,
     ) -> None:
-        """Put worlds back to their beginning, each as of World.reset.
+        """Reset worlds, each as in `World.reset`.
 
         Args:
-            seed: One seed, from which every world's follows as at first, or a seed for each of
-                `worlds`; None keeps the last.
-            worlds: Their numbers; None: all.
+            seed: One seed, from which the seeds of all worlds follow as in the constructor, or one
+                for each of `worlds`; None keeps the last.
+            worlds: The numbers of the worlds; None: all.
             keyframe: See `World.reset`.
             sensor: See `World.reset`: one for all of `worlds`, or one for each.
             scene: See `World.reset`: values for all of `worlds`, or for each.
@@ -418,10 +418,10 @@ class Worlds:
             self.ended.update(self._measured.left(worlds))
 
     def save(self, worlds: Iterable[int] | None = None, compress: bool = False) -> list[bytes]:
-        """Save worlds: each blob is that of World.save, and fits a World or any of these.
+        """Save worlds. Each blob is that of World.save, and fits a World or any of these worlds.
 
         Args:
-            worlds: Their numbers; None: all.
+            worlds: The numbers of the worlds; None: all.
             compress: See `World.save`.
         """
         chosen = self._chosen(worlds)
@@ -430,11 +430,11 @@ class Worlds:
         return [self._worlds[number].save(compress) for number in chosen]
 
     def restore(self, blobs: Iterable[bytes], worlds: Iterable[int] | None = None) -> None:
-        """Go on from what `save` gave, here or elsewhere.
+        """Continue from saved states of this or another process.
 
         Args:
             blobs: One for each of `worlds`.
-            worlds: Their numbers; None: all.
+            worlds: The numbers of the worlds; None: all.
 
         Raises:
             EvsError: See `World.restore`. No world has changed.
@@ -450,9 +450,9 @@ class Worlds:
         self._begin(chosen)
 
     def world(self, number: int) -> World:
-        """One of the worlds, as it is now, to look at: light, ground truth, physics, counters.
+        """One of the worlds in its present state: light, ground truth, physics, counters.
 
-        It must not be stepped; what is changed in it holds from the next `step` on.
+        Do not step it. Changes in it take effect in the next `step`.
         """
         (chosen,) = self._chosen([number])
         self._see_edits()
@@ -512,7 +512,7 @@ class Worlds:
 
     @property
     def one_by_one(self) -> str:
-        """Why the worlds are stepped one after the other, which is slower; "": they are not."""
+        """The reason why the worlds are stepped one by one, which is slower; "" if they are not."""
         if self._reason is None:
             # one world alone is stepped as quickly as it can be
             alone = "there is one world" if len(self) == 1 else ""
@@ -523,7 +523,7 @@ class Worlds:
     def model(self) -> MjModel:
         """The mujoco.MjModel of world 0, our own copy, which may be edited.
 
-        All share it that were not reset with values of their own; see `world(i).model`.
+        All worlds that were not reset with their own values share it; see `world(i).model`.
         """
         return self._worlds[0].model
 
@@ -534,7 +534,7 @@ class Worlds:
 
     @property
     def infos(self) -> tuple[StreamInfo, ...]:
-        """What is constant of the cameras' streams in world 0."""
+        """The constant facts of the cameras' streams in world 0."""
         return tuple(camera.info for camera in self._worlds[0].cameras)
 
     @property
@@ -544,17 +544,17 @@ class Worlds:
 
     @property
     def position(self) -> F64:
-        """(n, actuators) float64, each world's encoders: rad, m, or what a gear makes; a copy."""
+        """(n, actuators) float64, each world's encoders: rad or m, after any gear; a copy."""
         return self._measurements.position.copy()
 
     @property
     def velocity(self) -> F64:
-        """(n, actuators) float64, their change, 1/s of that; a copy."""
+        """(n, actuators) float64, the rates of the encoders, 1/s; a copy."""
         return self._measurements.velocity.copy()
 
     @property
     def readings(self) -> dict[str, F64]:
-        """Readings of the sensors that were named: name -> (n, its dimension) float64, copies."""
+        """Readings of the named sensors: name -> (n, dimension) float64, copies."""
         return self._measurements.readings
 
     @property

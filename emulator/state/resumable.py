@@ -219,7 +219,7 @@ class Resumable(ABC):
         Seed, threads and instruction set may be others: the seed is restored.
 
         Args:
-            blob: What `save` gave.
+            blob: The result of `save`.
 
         Raises:
             EvsError: It is damaged, or of another model or configuration; nothing has changed.

@@ -277,7 +277,7 @@ def actuator_names(model: mujoco.MjModel) -> tuple[str, ...]:
 
 
 def control_range(model: mujoco.MjModel) -> F64:
-    """(nu, 2) lowest and highest control of each actuator; infinite where it has no limit."""
+    """(nu, 2) lowest and highest control of each actuator; infinite without a limit."""
     limited = np.asarray(model.actuator_ctrllimited, bool).reshape(-1, 1)
     given = np.asarray(model.actuator_ctrlrange, np.float64).reshape(-1, 2)
     return np.where(limited, given, np.array([[-np.inf, np.inf]]))

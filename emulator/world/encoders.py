@@ -254,7 +254,7 @@ class Measurements:
 
     @property
     def readings(self) -> dict[str, F64]:
-        """Readings of the sensors that were named: name -> (n, its dimension) float64, copies."""
+        """Readings of the named sensors: name -> (n, dimension) float64, copies."""
         return {one.name: self.sensordata[:, one.begin : one.end].copy() for one in self._read}
 
 

@@ -62,7 +62,7 @@ class PhysicsBatch:
 
         Args:
             worlds: Of one model, or of copies of it with other values, with the same ticks.
-            threads: Worlds at once; 0: one a core.
+            threads: Worlds to step at once; 0: one per core.
             stage: Up to which mjtStage fields are those of the end of a tick; at least poses are.
         """
         from mujoco.batch import Batch, SimulationError

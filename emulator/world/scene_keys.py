@@ -122,7 +122,7 @@ class Edits:
         self._kept.update(kept)
 
     def copy_for(self, model: mujoco.MjModel) -> Edits:
-        """The same, of a copy of the model."""
+        """The same for a copy of the model."""
         other = Edits(model)
         other._kept = {place: values.copy() for place, values in self._kept.items()}
         return other

@@ -35,25 +35,25 @@ CONSTANT = ("bvh_", "hfield_", "mesh_", "name", "oct_", "path", "skin_", "tex_",
 
 
 class SceneValues:
-    """Puts values by key into a model: those of one episode, instead of those of the last.
+    """Puts values by key into a model, replacing those of the last episode.
 
         scene = evs.SceneValues(model)
         scene.put({"body.pole.mass": 0.3, "light.lamp.brightness": 0.6, "joint.hinge.qpos": 0.1})
         mujoco.mj_resetData(model, data)
         scene.start(data)
 
-    The rest of the model stays as it is, edits of its user too.
+    The rest of the model does not change, including your own edits.
     """
 
     def __init__(self, model: mujoco.MjModel, visual: Visual | None = None) -> None:
-        """Nothing is changed yet.
+        """Prepare for a model, without changing it.
 
         Args:
-            model: Whose arrays `put` changes.
-            visual: Groups and flags that are seen, as of World: hidden geoms have no colour.
+            model: The model that `put` changes.
+            visual: Visible groups and flags; see `World`. Hidden geoms have no colour.
 
         Raises:
-            EvsError: `visual` makes no sense.
+            EvsError: `visual` is invalid.
         """
         self._model, self._visual = model, resolve_visual(visual)
         self._keys: dict[str, SceneKey] = {}
@@ -66,7 +66,7 @@ class SceneValues:
         """key -> the value that was put in last, in the order of the keys"""
 
     def copy_for(self, model: mujoco.MjModel) -> SceneValues:
-        """The same, of a copy of the model."""
+        """The same for a copy of the model."""
         other = SceneValues(model, self._visual)
         other._keys, other.values = self._keys, dict(self.values)
         other._edits = self._edits.copy_for(model)
@@ -74,22 +74,22 @@ class SceneValues:
         return other
 
     def put(self, values: Mapping[str, float]) -> None:
-        """Change the model to these values; whatever has none is as it was before the first call.
+        """Change the model to these values; all other numbers are as before the first call.
 
-        Constants that follow from masses and places are computed again (mj_setConst).
+        Constants that depend on masses and positions are computed again (mj_setConst).
 
         Args:
-            values: Key -> value, as of DrawnScene.values; {}: the model's own.
+            values: Key -> value, as in `DrawnScene.values`; {}: the model's own.
 
         Raises:
-            EvsError: No such key, or a value that makes no model; nothing has changed.
+            EvsError: No such key, or an invalid value. Nothing has changed.
         """
         with self.putting(values):
             pass
 
     @contextmanager
     def putting(self, values: Mapping[str, float]) -> Iterator[None]:
-        """As `put`; if the block raises, the model has the bytes again that it had before.
+        """Like `put`, but if the block raises, the previous bytes of the model are restored.
 
         Args:
             values: See `put`.
@@ -142,10 +142,10 @@ class SceneValues:
         return dict(sorted(found.items()))
 
     def start(self, data: mujoco.MjData) -> None:
-        """Put a state where the episode begins, after a reset: positions and velocities of joints.
+        """Set the initial positions and velocities of joints, after a reset.
 
         Args:
-            data: Of the model; what follows from positions is not computed.
+            data: Data of the model; derived quantities are not computed.
         """
         for attribute, index, parts in self._grouped(self.values):
             if attribute.begin is not None:

@@ -143,7 +143,7 @@ class ArrayReader:
 
         Args:
             member: The array's bytes.
-            size: How many there are.
+            size: Number of elements.
             name: Its name.
             kinds: Allowed kinds of dtype.
             axes: Allowed number of axes; None: any.

@@ -36,7 +36,7 @@ PUBLISHER = {
     "clock": (True, "publish /clock; only one node may"),
     "tf": (True, "publish the pose of the body on /tf; false if something else does"),
     "tf_static": (True, "publish the frames within the body on /tf_static"),
-    "event_message_time_threshold": (1e-3, "shortest time span of an event message, s"),
+    "event_message_time_threshold": (1e-3, "minimum time span of an event message, s"),
     "event_message_size_threshold": (1_000_000, "size that completes an event message, bytes"),
     "send_queue_size": (1000, "messages per topic that wait before the oldest are dropped"),
 }
