@@ -131,15 +131,15 @@ def make_vec(scene: Scene, num_envs: int = 1, **options: Any) -> Any:
         envs = evs.make_vec("evs/CartPole-v0", 64)     # a registered one, other options allowed
 
     Args:
-        scene: A registered name (evs/CartPole-v0, ...), or a scene as of LoopEnv.
-        num_envs: How many environments.
+        scene: A registered name (evs/CartPole-v0, ...), or a scene as in LoopEnv.
+        num_envs: Number of environments.
         **options: See `evs.drivers.gym.LoopVectorEnv`: cameras, observation, reward, ...
 
     Returns:
         A gymnasium.vector.VectorEnv.
 
     Raises:
-        EvsError: Gymnasium is not installed (extra gym), or an option is not possible.
+        EvsError: Gymnasium is not installed (extra gym), or an option is invalid.
     """
     from evs.drivers.gym.library import gymnasium
     from evs.drivers.gym.loop_vector_env import LoopVectorEnv

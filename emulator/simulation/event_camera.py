@@ -305,7 +305,7 @@ class EventCamera(Resumable):
 
     @property
     def labels(self) -> Labels | None:
-        """(n,) why each of the last observe's events came about; None: model.labels is off."""
+        """(n,) the cause of each event of the last observe; None if model.labels is off."""
         return None if self.packet is None else self.packet.labels
 
     @property

@@ -314,7 +314,7 @@ class Pixels(Resumable):
 
     @property
     def labels(self) -> Labels | None:
-        """(n,) why each of the last events came about; None: model.labels is off."""
+        """(n,) the cause of each of the last events; None if model.labels is off."""
         return None if self.packet is None else self.packet.labels
 
     @property

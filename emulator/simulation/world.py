@@ -645,7 +645,7 @@ class World(Resumable):
 
     @property
     def state(self) -> F64:
-        """(n,) all physics that the next tick follows from, as mjSTATE_INTEGRATION; a copy."""
+        """(n,) the complete state of the physics, mjSTATE_INTEGRATION; a copy."""
         return self.physics.state
 
     @property
@@ -660,12 +660,12 @@ class World(Resumable):
 
     @property
     def t_us(self) -> int:
-        """Simulated time, us, as the stamps have it: scene.start_us at the beginning."""
+        """Simulated time, us, as in the stamps: scene.start_us at the beginning."""
         return self.start_us + self.physics.t_us
 
     @property
     def tick(self) -> int:
-        """Ticks done."""
+        """Number of completed ticks."""
         return self.physics.tick
 
     @property
@@ -675,7 +675,7 @@ class World(Resumable):
 
     @property
     def keyframe(self) -> str:
-        """The keyframe that it starts from, by name or number; "": the model's own qpos0."""
+        """Name or number of the initial keyframe; "": the model's own qpos0."""
         return name_of_keyframe(self.model, self.control.keyframe)
 
     @property
