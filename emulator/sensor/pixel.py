@@ -471,7 +471,7 @@ def check_take_over(now: PlainModel, before: PlainModel) -> None:
     Raises:
         EvsError: A term that has a state is switched on or off; the message has its parameter.
     """
-    names = (*SensorTerms.STATEFUL, "running_mean", "causes")
+    names = {array.term for array in STATE if array.term} | {"causes"}
     if all(getattr(now.terms, name) == getattr(before.terms, name) for name in names):
         return
     for key in ADJUSTABLE:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
+from typing import Any
 
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.config.declaration import declaration
@@ -54,11 +54,6 @@ class SensorTerms:
     """leak has a tail of warm and hot pixels"""
     idle_highpass: float
     """the high pass where its rate is 0: 2 pi f, 1 / us"""
-
-    STATEFUL: ClassVar[tuple[str, ...]] = (
-        *("low_pass", "follower", "refractory", "photon_noise", "shot_noise", "skips"),
-    )
-    """properties that decide which arrays a state has"""
 
     @property
     def skips(self) -> bool:

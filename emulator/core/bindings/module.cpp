@@ -7,7 +7,6 @@ void bind_camera_batch(nanobind::module_& m);
 void bind_caster(nanobind::module_& m);
 void bind_device_frame(nanobind::module_& m);
 void bind_device_pixels(nanobind::module_& m);
-void bind_event_arrays(nanobind::module_& m);
 void bind_events(nanobind::module_& m);
 void bind_network(nanobind::module_& m);
 void bind_numbers(nanobind::module_& m);
@@ -26,7 +25,6 @@ NB_MODULE(_core, m) {
   evs::bind_caster(m);
   evs::bind_device_frame(m);
   evs::bind_device_pixels(m);
-  evs::bind_event_arrays(m);
   evs::bind_events(m);
   evs::bind_network(m);
   evs::bind_numbers(m);
