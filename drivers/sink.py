@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 
 class SinkStoppedError(EvsError):
-    """A sink can accept nothing more, as on a full disk. What it accepted before is safe.
+    """A sink cannot accept more, for example on a full disk. Earlier data is safe.
 
-    A run goes on without the sink, and warns once, as long as another sink is left.
+    The run warns once and continues without the sink as long as another sink is left.
     """
 
 
 class Stream(StrEnum):
-    """What a run can give to a sink; each has a `write...` method of Sink."""
+    """A kind of message for sinks; each has a `write...` method of Sink."""
 
     EVENTS = "events"
     FRAMES = "frames"
@@ -40,11 +40,10 @@ class Stream(StrEnum):
 class Sink(ABC):
     """Receives the packets of one or more cameras.
 
-    A sink declares the streams that it wants in `streams` and overrides their methods; nothing of
-    any other stream is computed or written for it. Methods raise EvsError with one line.
+    A sink declares its streams in `streams` and overrides their methods; other streams are not
+    computed for it. Methods raise EvsError with one line.
 
-    A pipeline knows a sink by its class in drivers/sink_config.py, a recorder by its row in
-    drivers/files/formats.py.
+    drivers/sink_config.py lists the sinks of pipelines, and drivers/files/formats.py the recorders.
 
     In a tick, pace comes first, then for each camera its frames with their triggers, IMU samples,
     pose, ground truth and light, and the events of all cameras last.
@@ -63,11 +62,11 @@ class Sink(ABC):
 
     @property
     def stop_wanted(self) -> bool:
-        """Whether a client of this sink requested the end of the run; it ends after a tick."""
+        """Whether a client of this sink requested the end of the run, after the present tick."""
         return False
 
     def prepare(self) -> None:
-        """Start what takes long, without waiting for it.
+        """Start slow preparations without waiting for them.
 
         All sinks of a run prepare before any is opened. `close` of a sink that overrides this is
         called whatever happens next.
@@ -83,19 +82,19 @@ class Sink(ABC):
 
     @abstractmethod
     def write(self, packet: EventPacket) -> None:
-        """Write the events of one camera and tick. Blocks no longer than a write to disk."""
+        """Write the events of one camera and tick, blocking at most for a write to disk."""
 
     def write_frame(self, frame: Frame) -> None:
         """Write an intensity frame, before the events of the tick in which its read-out ended.
 
-        Only of cameras whose StreamInfo says `frames`.
+        Only called for cameras with `frames` in their StreamInfo.
         """
 
     def write_imu(self, packet: ImuPacket) -> None:
-        """Write the IMU samples of one tick. Only of cameras whose StreamInfo says `imu`."""
+        """Write the IMU samples of one tick, for cameras with `imu` in their StreamInfo."""
 
     def write_triggers(self, packet: TriggerPacket) -> None:
-        """Write the triggers of one frame. Only of cameras whose StreamInfo says `triggers`."""
+        """Write the triggers of one frame, for cameras with `triggers` in their StreamInfo."""
 
     def wants_pose(self, camera: str) -> bool:  # noqa: ARG002
         """Return whether the pose of this camera is to be computed at this tick."""
@@ -117,7 +116,7 @@ class Sink(ABC):
         """Write the ground truth at the end of a tick."""
 
     def wants_light(self, camera: str, t_us: int) -> bool:  # noqa: ARG002
-        """Return whether the light on the sensor is wanted at a tick; arguments as wants_truth."""
+        """Return whether the light on the sensor is needed at a tick; see `wants_truth`."""
         return True
 
     def write_light(self, camera: str, t_us: int, luminance: F32) -> None:
@@ -130,7 +129,7 @@ class Sink(ABC):
         """
 
     def write_pace(self, pace: Pace) -> None:
-        """Write how the run keeps up with the wall clock: ten times a simulated second."""
+        """Write the pace of the run, ten times per simulated second."""
 
     @abstractmethod
     def close(self) -> dict[str, Any]:

@@ -90,7 +90,7 @@ zero in every packet"""
 
 
 class Cause(IntEnum):
-    """Why an event came about. A number never changes its meaning."""
+    """The cause of an event. A number never changes its meaning."""
 
     UNKNOWN = 0
     """another event model made it"""

@@ -24,9 +24,9 @@ _STAMPS = ("begin", "exposure_begin", "exposure_end", "end")
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """An image and when its light came in. Stamps as AEDAT4's frame has them, simulated time.
+    """An image and the times of its exposure, stamped like AEDAT4's frames in simulated time.
 
-    With a rolling shutter the exposure is the first row's; each later row's begins later.
+    With a rolling shutter the exposure is that of the first row.
     """
 
     seq: int
@@ -50,11 +50,11 @@ class Frame:
 
     @property
     def is_region(self) -> bool:
-        """Whether it states that it begins elsewhere than in the sensor's corner."""
+        """Whether it is a region that does not begin in the sensor's corner."""
         return bool(self.left or self.top)
 
     def on_sensor(self, width: int, height: int) -> Frame:
-        """The frame in its place on a sensor of this size, px, black outside of its region."""
+        """The frame at its position on a sensor of this size, px, black outside its region."""
         if not self.is_region:
             return self
         pixels = np.zeros((height, width), self.pixels.dtype)

@@ -91,7 +91,7 @@ class SteadyExposure:
         """Code the next picture.
 
         Args:
-            luminance: (h, w) linear, in one unit; as of `to_srgb8`.
+            luminance: (h, w) linear, in one unit; as in `to_srgb8`.
 
         Returns:
             (h, w) uint8.

@@ -14,7 +14,7 @@ from evs.msgs.packet import packb, plain_integers, unpackb
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a camera is at one instant, in the world's frame, as ROS has it."""
+    """The pose of a camera at one instant in the world's frame, in ROS's convention."""
 
     seq: int
     """Counts this camera's poses from 0, sent or not."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, eq=False)
 class Topic:
-    """What is sent under a name, how often, and what happens when a subscriber is slow.
+    """A topic: its message, its rate, and its behaviour with a slow subscriber.
 
     Each name has one Topic, so topics are compared by identity.
     """

@@ -110,7 +110,7 @@ def discover(
 
     Args:
         control: Its control port, tcp://HOST:PORT or ipc:///PATH.
-        timeout_s: How long to wait for the answer, s.
+        timeout_s: Time to wait for the answer, s.
         server_key: See `subscribe`.
         key: See `subscribe`.
 
@@ -118,7 +118,7 @@ def discover(
         The description.
 
     Raises:
-        EvsError: No answer in time, or the program there is no publisher.
+        EvsError: No answer in time, or the program is not a publisher.
     """
     answer = request(control, "describe", timeout_s=timeout_s, server_key=server_key, key=key)
     if integer(answer, "protocol", 0, 2**31) != PROTOCOL:
@@ -148,8 +148,8 @@ def request(
     Args:
         control: The control port, tcp://HOST:PORT or ipc:///PATH.
         name: describe, status, camera_info, parameters, set or stop.
-        arguments: Of the request: `set` takes camera, a name, and values, key -> value.
-        timeout_s: How long to wait for the answer, s.
+        arguments: Arguments of the request: `set` takes camera, a name, and values, key -> value.
+        timeout_s: Time to wait for the answer, s.
         server_key: See `subscribe`.
         key: See `subscribe`.
 

@@ -53,7 +53,7 @@ def conflated(context: Context) -> Socket:
 
 
 class Latest(Listener):
-    """The newest state of the bus whose port for it is at tcp://HOST:PORT. Close it, or use `with`.
+    """The newest state of a bus, from its port at tcp://HOST:PORT. Close it, or use `with`.
 
     `discover` returns the address. Keys are those of `subscribe`. One thread uses it.
     """
@@ -69,7 +69,7 @@ class Latest(Listener):
         """Return the newest state since the last call.
 
         Args:
-            timeout_s: How long to wait for one, s; None: for ever.
+            timeout_s: Time to wait for it, s; None: for ever.
 
         Returns:
             The state; None if none came.

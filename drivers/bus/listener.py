@@ -23,7 +23,7 @@ class Listener:
     """One or more connections to a publisher. One thread uses it; close it, or use `with`."""
 
     def __init__(self, address: str, server_key: str, key: str) -> None:
-        """Check the arguments, as of `subscribe`. Raises EvsError for a bad address or key."""
+        """Check the arguments; see `subscribe`. Raises EvsError for an invalid address or key."""
         if key and not server_key:
             raise EvsError("key needs server_key: give the publisher's public key")
         self._server_key = read_public(server_key, "server_key") if server_key else ""

@@ -14,7 +14,7 @@ from evs.msgs import EventPacket, Status
 
 @dataclass
 class Tally:
-    """Counts of one camera's stream. With `ended`, packets sent while there = packets + lost."""
+    """Counts of one camera's stream. With `ended`, packets + lost is the number sent meanwhile."""
 
     packets: int = 0
     """Packets received."""
@@ -67,7 +67,7 @@ class Tally:
         """Count missing packets of a run that has ended as lost: no more will come.
 
         Returns:
-            The end status that says so; None if the end is known already.
+            The end status; None if the end is already known.
         """
         promised, self.promised_end = self.promised_end, None
         if promised is None or self.ended:
@@ -100,13 +100,13 @@ class Gaps:
     """The next message's seq if nothing is lost; None before the first."""
 
     def on_last(self, seq: int) -> None:
-        """Count the seq that a status gives as the last: what was sent until it came or is lost."""
+        """Count with the last seq of a status: everything sent before has arrived or is lost."""
         if self.next_seq is not None and seq >= self.next_seq:
             self.lost += seq + 1 - self.next_seq
             self.next_seq = seq + 1
 
     def on_message(self, seq: int) -> None:
-        """Count a message; a seq that goes back is a new run."""
+        """Count a message; a smaller seq means a new run."""
         if self.next_seq is not None and seq > self.next_seq:
             self.lost += seq - self.next_seq
         self.next_seq = seq + 1

@@ -79,7 +79,7 @@ class Ports:
 
     @property
     def watched(self) -> bool:
-        """Whether a client watches the newest state."""
+        """Whether a client reads the newest state."""
         return self._watchers is not None and self._watchers.count > 0
 
     @property

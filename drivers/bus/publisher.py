@@ -67,8 +67,8 @@ _MOST_REQUESTS = 1000
 class Publisher(Sink):
     """Publishes the packets of cameras on tcp://HOST:PORT or ipc:///PATH. One thread uses it.
 
-    Topics without subscribers cost nothing. A subscriber that is too slow loses the newest packets
-    once `queue` of them wait for it, and can count them; nobody else notices.
+    Topics without subscribers cost nothing. A slow subscriber loses the newest packets once `queue`
+    of them wait for it, and can count them. Other subscribers are not affected.
     """
 
     streams = frozenset(
@@ -93,25 +93,26 @@ class Publisher(Sink):
         allow: Sequence[str] = (),
         insecure: bool = False,
     ) -> None:
-        """Make a publisher that is not open yet.
+        """Make a publisher, which `open` opens.
 
         Args:
-            address: Where packets are published.
+            address: Address of the packets.
             wait_for: Subscribers of events that `open` waits for.
-            wait_s: How long it waits, s.
+            wait_s: Time to wait, s.
             queue: Packets that may wait for each subscriber.
-            linger_s: How long `close` repeats the last status at most while subscribers are
+            linger_s: Maximum time for which `close` repeats the last status while subscribers are
                 connected, s.
-            control: Address of a port that describes what is here and where, and takes requests.
+            control: Address of the control port, which describes the streams and takes requests.
             latest: Address of the newest state; any free port if only `control` is given.
-            truth_hz: Ground truth per simulated second.
-            key: The file NAME.secret.key of a pair that `evs keygen` made. Traffic is encrypted
-                then, and only clients that know the public key can subscribe.
-            allow: Public keys (files, folders of files, or written out) whose owners alone may.
-            insecure: Whether other machines may subscribe where there is no key.
+            truth_hz: Ground-truth messages per simulated second.
+            key: The file NAME.secret.key of a pair that `evs keygen` made. Traffic is then
+                encrypted, and only clients with the public key can subscribe.
+            allow: Public keys (files, folders of files, or the keys themselves) of the only clients
+                that may subscribe.
+            insecure: Whether other machines may subscribe without a key.
 
         Raises:
-            EvsError: A value or an address that cannot be, a key that cannot be read.
+            EvsError: An invalid value or address, or a key that cannot be read.
         """
         if wait_for < 0:
             raise EvsError(f"wait_for is {wait_for}: give the number of subscribers, 0 or more")
@@ -146,17 +147,17 @@ class Publisher(Sink):
 
     @property
     def control_address(self) -> str:
-        """Where the control port is bound, with the real port once open; empty: there is none."""
+        """Address of the control port, with the real port once open; empty: none."""
         return self._ports.control_address
 
     @property
     def latest_address(self) -> str:
-        """Where the newest state is, with the real port once open; empty: nowhere."""
+        """Address of the newest state, with the real port once open; empty: none."""
         return self._ports.latest_address
 
     @property
     def subscribers(self) -> int:
-        """Subscribers of events when requests were read last."""
+        """Number of subscribers of events, at the last read of requests."""
         return self._audience.subscribers
 
     @property
@@ -165,7 +166,7 @@ class Publisher(Sink):
         return self._ports.stop_wanted
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
-        """Bind and wait for subscribers. Raises EvsError: port in use, nobody came, bad names."""
+        """Bind and wait for subscribers. Raises EvsError: port in use, no subscriber, bad names."""
         if self._socket is not None:
             raise EvsError("this publisher is open already: close it first, or make another")
         self._audience = Audience(make_channels(streams))
@@ -185,9 +186,9 @@ class Publisher(Sink):
             raise
 
     def write(self, packet: EventPacket) -> None:
-        """Send one packet to whoever subscribes, without waiting.
+        """Send one packet to the subscribers, without waiting.
 
-        Raises EvsError for a camera that was not opened and for a packet that breaks its promises.
+        Raises EvsError for a camera that was not opened and for an invalid packet.
         """
         server, channel = self._channel(packet.camera)
         period_before = channel.time_end_us // STATUS_PERIOD_US
@@ -212,9 +213,9 @@ class Publisher(Sink):
         self._ports.publish_state()
 
     def write_frame(self, frame: Frame) -> None:
-        """Send one intensity frame to whoever subscribes to frames. Raises EvsError as write.
+        """Send one intensity frame to the subscribers of frames. Raises EvsError as write.
 
-        One that is too large for the bus is left out; each subscriber counts it as lost.
+        A frame that is too large for the bus is omitted; each subscriber counts it as lost.
         """
         server, channel = self._channel(frame.camera)
         channel.last[FRAMES.name] = frame.seq
@@ -223,7 +224,7 @@ class Publisher(Sink):
             self._auxiliary_sent["frames_sent"] += 1
 
     def write_imu(self, packet: ImuPacket) -> None:
-        """Send one tick's IMU samples to whoever subscribes to them. Raises EvsError as write."""
+        """Send one tick's IMU samples to their subscribers. Raises EvsError as write."""
         server, channel = self._channel(packet.camera)
         channel.last[IMU.name], channel.imu = packet.seq, packet
         if channel.listeners[IMU] and packet.samples.nbytes <= MAX_FRAME_BYTES:
@@ -231,7 +232,7 @@ class Publisher(Sink):
             self._auxiliary_sent["imu_samples_sent"] += len(packet)
 
     def wants_pose(self, camera: str) -> bool:
-        """Return whether somebody subscribes to poses, or watches the newest state."""
+        """Return whether a client subscribes to poses, or reads the newest state."""
         self._requests_read = False
         _, channel = self._channel(camera)
         # called before each packet, which need not read again: that costs more than the rest
@@ -239,25 +240,25 @@ class Publisher(Sink):
         return channel.listeners[POSE] > 0 or self._ports.watched
 
     def write_pose(self, pose: Pose) -> None:
-        """Send one pose to whoever subscribes to poses. Raises EvsError as write."""
+        """Send one pose to the subscribers of poses. Raises EvsError as write."""
         server, channel = self._channel(pose.camera)
         channel.last[POSE.name], channel.pose = pose.seq, pose
         if channel.listeners[POSE]:
             self._send(server, channel, POSE, encode_pose(pose))
 
     def write_pace(self, pace: Pace) -> None:
-        """Report how the run keeps its pace in the statuses from now on."""
+        """Include the pace of the run in the status messages from now on."""
         for channel in self._audience.channels.values():
             channel.pace = pace
 
     def wants_truth(self, camera: str, t_us: int) -> bool:
-        """Return whether somebody subscribes to ground truth, and `truth_hz` has it due now."""
+        """Return whether a client subscribes to ground truth and a message is due."""
         channel = self._audience.channels[camera]
         begin_us = t_us - channel.stream.tick_us
         return channel.listeners[TRUTH] > 0 and t_us // self._truth_us > begin_us // self._truth_us
 
     def write_truth(self, camera: str, truth: GroundTruth) -> None:
-        """Send ground truth to whoever subscribes to it. Raises EvsError as write."""
+        """Send ground truth to its subscribers. Raises EvsError as write."""
         server, channel = self._channel(camera)
         seq = channel.last.get(TRUTH.name, -1) + 1
         channel.last[TRUTH.name] = seq
@@ -267,14 +268,14 @@ class Publisher(Sink):
             self._send(server, channel, TRUTH, header, raw)
 
     def wants_light(self, camera: str, t_us: int) -> bool:  # noqa: ARG002
-        """Return whether somebody subscribes to the light, and a picture of it is due."""
+        """Return whether a client subscribes to the light, and a picture of it is due."""
         channel = self._audience.channels[camera]
         return channel.listeners[LIGHT] > 0 and monotonic_s() >= channel.light_due_s
 
     def write_light(self, camera: str, t_us: int, luminance: F32) -> None:
-        """Send the light as a picture to whoever subscribes to it. Raises EvsError as write.
+        """Send the light as a picture to its subscribers. Raises EvsError as write.
 
-        One exposure holds for a camera, that of the brightest picture so far.
+        All pictures of a camera have the exposure of the brightest picture so far.
         """
         server, channel = self._channel(camera)
         channel.light_due_s = monotonic_s() + LIGHT_PERIOD_S
@@ -363,7 +364,7 @@ class Publisher(Sink):
             send_parts(server, (CLOCK.of(""), encode_clock(Clock(t_us))))
 
     def _send_end(self, server: Socket) -> None:
-        """Repeat every camera's end status until nobody listens or the time is up.
+        """Repeat every camera's end status until no client listens or the time is up.
 
         A full queue drops a status like any packet, so sending it once is not enough.
         """

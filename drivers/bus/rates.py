@@ -26,7 +26,7 @@ class Rate:
 
 
 class Rates:
-    """Counts packets and gives their rates once a period."""
+    """Counts packets and returns their rates once per period."""
 
     def __init__(self, period_s: float = 1.0, clock: Callable[[], float] = monotonic_s) -> None:
         self._period_s, self._clock = period_s, clock

@@ -115,8 +115,8 @@ def subscribe(
 class Subscription(Listener):
     """A stream of packets from another process. One thread uses it; close it, or use `with`.
 
-    It has two connections: one for packets and statuses in their order, one for statuses alone, so
-    that the end of the stream arrives even if the queue of the first is full.
+    It has two connections: one for packets and statuses in order, and one for statuses alone, so
+    the end of the stream arrives even if the queue of the first one is full.
     """
 
     def __init__(
@@ -189,21 +189,21 @@ class Subscription(Listener):
 
     @property
     def lost(self) -> int:
-        """Packets that were sent meanwhile and did not arrive; exact once `ended`."""
+        """Packets that were sent during the subscription and did not arrive; exact once `ended`."""
         return sum(tally.lost for tally in self.tallies.values())
 
     @property
     def restarts(self) -> int:
-        """How often a camera began a new run."""
+        """Number of new runs of a camera."""
         return sum(tally.restarts for tally in self.tallies.values())
 
     @property
     def ended(self) -> bool:
-        """Whether every camera has ended, and nothing more can come."""
+        """Whether every camera has ended, so no message can follow."""
         return self._ended
 
     def receive(self, timeout_s: float | None = None) -> EventPacket | None:
-        """Wait for the next packet, `timeout_s` at most (None: for ever).
+        """Wait for the next packet, at most `timeout_s` (None: for ever).
 
         Returns:
             The packet; None if every camera has ended, or none came in time.
@@ -254,16 +254,16 @@ class Subscription(Listener):
 
     @property
     def clock(self) -> Clock | None:
-        """The newest clock, if it was requested and one has come."""
+        """The newest clock, if it was requested and has arrived."""
         return self._auxiliary.clock
 
     @property
     def camera_info(self) -> dict[str, CameraInfo]:
-        """The calibration of each camera, if it was requested and has come."""
+        """The calibration of each camera, if it was requested and has arrived."""
         return self._auxiliary.infos
 
     def totals(self) -> dict[str, Any]:
-        """Every count as plain values."""
+        """All counts as plain values."""
         return {
             "address": self.address,
             "camera": self.camera,
@@ -369,9 +369,9 @@ class Subscription(Listener):
 
 
 class Connection:
-    """Warns when the connection to a publisher is cut, and when it is back.
+    """Warns when the connection to a publisher is lost and when it is restored.
 
-    It only watches: another object receives from the subscription.
+    It does not receive messages itself.
     """
 
     def __init__(self, stream: Subscription, warn: Callable[[str], None]) -> None:

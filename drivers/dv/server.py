@@ -69,7 +69,7 @@ class DvServer(Sink):
             compression: lz4, zstd or none.
             queue: Packets that may wait for each client.
             wait_for: Clients of events that `open` waits for.
-            wait_s: How long it waits, s.
+            wait_s: Time to wait, s.
             insecure: Whether other machines may connect.
             linger_s: How long `close` sends what still waits, s.
             patience_s: After how long without reading a client is disconnected, s.

@@ -14,9 +14,9 @@ MAX_SIDE_PX = 1 << 15
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What a format can hold; by default events of any time on a sensor of any size.
+    """The limits of a format; by default events of any time on a sensor of any size.
 
-    Recorders refuse everything else, and `evs convert` refuses it before it writes.
+    Recorders reject everything else, and `evs convert` rejects it before it writes.
     """
 
     width: int = MAX_SIDE_PX

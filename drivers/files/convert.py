@@ -88,23 +88,24 @@ def convert(
 ) -> Converted:
     """Copy a recording into a file of another format.
 
-    What the target cannot hold is refused before anything is written. The target appears once it is
-    complete: an earlier file of that name stays until then, and for good if an error occurs. Where
-    the target cannot hold the time stamps (mostly Unix times), its clock begins at the first one;
-    its header states that, and our reader adds it. Warns of damage as `read` does.
+    An error is raised before anything is written if the target cannot hold the recording. The
+    target appears once it is complete; until then, and after an error, an earlier file of that name
+    remains. If the target cannot hold the time stamps (usually Unix times), its clock begins at the
+    first one. Its header states the offset, which evs adds when it reads the file. Warns of damage
+    like `read`.
 
     Args:
         source: The recording, or the first file of one in several files.
-        target: The file to write; its ending decides the format.
-        kind: The format's name, where the ending does not decide.
-        events_only: Leave out the auxiliary streams that the target cannot hold.
-        reading: How the source is read: options of `read`.
-        keep_start: Refuse to let the target's clock begin at the first time stamp.
-        progress: Called with the share of the source that has been read, 0 ... 1.
+        target: The file to write; its extension selects the format.
+        kind: The format's name, if the extension does not select it.
+        events_only: Omit the auxiliary streams that the target cannot hold.
+        reading: Options of `read` for the source.
+        keep_start: Raise an error instead of starting the target's clock at the first time stamp.
+        progress: Called with the fraction of the source that has been read, 0 ... 1.
         **options: Options of the target's recorder.
 
     Returns:
-        What was written, and what was left out.
+        What was written and what was omitted.
 
     Raises:
         EvsError: The source cannot be read, the target cannot hold it, or it cannot be written.

@@ -98,7 +98,7 @@ class Format:
         return self.title.partition(":")[0]
 
     def capabilities_for(self, encoding: str | None) -> Capabilities:
-        """What it can hold with the option `encoding`; None: the default encoding."""
+        """Its limits with the option `encoding`; None: the default encoding."""
         return self.capabilities_by_encoding.get(encoding or "", self.capabilities)
 
     def open(self, path: Path, **options: Unpack[ReadOptions]) -> RecordingFile:
@@ -112,8 +112,8 @@ class Format:
             The format's reader.
 
         Raises:
-            EvsError: The file is missing or not of this format, it states itself what an option
-                would, or the format's extra is not installed.
+            EvsError: The file is missing or has another format, it already states the value of an
+                option, or the format's extra is not installed.
         """
         given = {
             name: value
@@ -366,11 +366,11 @@ def to_write(path: AnyPath, name: str | None = None) -> Format:
     """The format of a file to be written.
 
     Args:
-        path: The file; its ending decides where no name is given.
+        path: The file; its extension selects the format if there is no name.
         name: The format's name.
 
     Raises:
-        EvsError: No format has this name, or this ending, or evs does not write it.
+        EvsError: No format has this name or extension, or evs does not write it.
     """
     found = _by_suffix(path) if name is None else by_name(name)
     if not found.recorder:

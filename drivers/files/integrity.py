@@ -150,7 +150,7 @@ def normalised(events: Events) -> Events:
 
 @dataclass(frozen=True)
 class Repair:
-    """What repair did to a file."""
+    """The result of `repair`."""
 
     path: Path
     cut_bytes: int

@@ -232,7 +232,7 @@ class LibraryRecorder(Sink):
             )
 
     def _reserve(self, size: int) -> None:
-        """Reserve so many bytes on the disk. SinkStoppedError where there is no space."""
+        """Reserve bytes on the disk. Raises SinkStoppedError without space."""
         try:
             if self._reserved is not None:
                 self._reserved.reserve(_MESSAGE_BYTES + size, _INDEX_BYTES)

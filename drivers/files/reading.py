@@ -193,7 +193,7 @@ def as_packet(seq: int, events: Events, stream: StreamInfo) -> EventPacket:
 
 
 class LeftOutWarning(UserWarning):
-    """A recording holds valid data that is not read, as frames in colour or another camera's."""
+    """A recording has valid data that is not read, such as colour frames or another camera."""
 
 
 class ReadAsWarning(UserWarning):
@@ -248,20 +248,20 @@ def _joined(parts: Iterator[Events]) -> Events:
 
 
 def packets(path: AnyPath, **options: Unpack[ReadOptions]) -> Iterator[EventPacket]:
-    """Read the event packets of a recording one by one, in little memory.
+    """Read the event packets of a recording one by one, with little memory.
 
     Warns as `read` does, at the end.
 
     Args:
-        path: As for `read`.
-        **options: As for `read`.
+        path: See `read`.
+        **options: See `read`.
 
     Yields:
         The packets, numbered from 0; their events are read-only. Ticks without events were not
         recorded and are missing.
 
     Raises:
-        EvsError: As for `read`.
+        EvsError: See `read`.
     """
     file = opened(path, **options)
     seq = -1
@@ -273,19 +273,19 @@ def packets(path: AnyPath, **options: Unpack[ReadOptions]) -> Iterator[EventPack
 def messages(
     path: AnyPath, **options: Unpack[ReadOptions]
 ) -> Iterator[EventPacket | Frame | ImuPacket | TriggerPacket]:
-    """Read everything in a recording message by message, in the order recorded.
+    """Read a recording message by message, in the recorded order.
 
     Warns as `read` does, at the end.
 
     Args:
-        path: As for `read`.
-        **options: As for `read`.
+        path: See `read`.
+        **options: See `read`.
 
     Yields:
         Event packets, frames, IMU packets and trigger packets, each kind numbered from 0.
 
     Raises:
-        EvsError: As for `read`.
+        EvsError: See `read`.
     """
     yield from messages_of(opened(path, **options))
 
@@ -358,17 +358,17 @@ def stream_of(path: AnyPath, **options: Unpack[ReadOptions]) -> StreamInfo:
     """The description of a recording's stream: resolution, camera, seed, configuration, ...
 
     Raises:
-        EvsError: As for `read`.
+        EvsError: See `read`.
     """
     options["single"] = True
     return opened(path, **options).stream
 
 
 def repair(path: AnyPath) -> Repair:
-    """Repair a recording in place, as far as its format needs it; whole packets are kept.
+    """Repair a recording in place if its format needs it; complete packets are kept.
 
     Args:
-        path: The recording. An .npz file is either whole or not readable.
+        path: The recording. An .npz file is either complete or unreadable.
 
     Returns:
         What was done.
@@ -404,9 +404,9 @@ def recorder_for(
     """Make a recorder for a file, which is created when the recorder is opened.
 
     Args:
-        path: The file to write; its ending decides the format.
+        path: The file to write; its extension selects the format.
         compression: lz4, none or zstd, for the formats that have it; others ignore it.
-        kind: The format's name, where the ending does not decide.
+        kind: The format's name, if the extension does not select it.
         **options: Other options of the format's recorder.
 
     Returns:
@@ -426,14 +426,14 @@ def recorder_for(
 
 
 def opened(path: AnyPath, **options: Unpack[ReadOptions]) -> RecordingFile:
-    """Open a recording and read its header. Arguments and errors as of `read`."""
+    """Open a recording and read its header. Arguments and errors are those of `read`."""
     return open_recording(path, **options)
 
 
 def origin_us(file: RecordingFile) -> int:
-    """The time from which users count in a recording: the whole ms before its first event, us.
+    """The origin of user times in a recording: the first event, rounded down to a whole ms, in us.
 
-    Its stamps may be those of a camera's clock, or Unix time. 0 without events.
+    Stamps may be those of a camera's clock, or Unix time. 0 without events.
     """
     first = next(file.events(), None)
     return 0 if first is None else (int(first["t"][0]) - 1) // 1000 * 1000

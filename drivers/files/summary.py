@@ -79,7 +79,7 @@ def summary(path: AnyPath, **options: Unpack[ReadOptions]) -> Summary:
 
     Args:
         path: The recording, or the first file of one in several files.
-        **options: As for `read`.
+        **options: See `read`.
 
     Raises:
         EvsError: The file does not exist, its ending is unknown, or it is not a recording.

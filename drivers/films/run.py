@@ -70,7 +70,7 @@ def check_holds(config: FilmRunConfig, target: str | Path, kind: Format) -> None
 
 
 class _FilmRun(RunLoop):
-    """Steps the film until it is over or somebody wants it to stop."""
+    """Steps the film until its end or a request to stop."""
 
     def __init__(
         self,

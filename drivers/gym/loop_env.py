@@ -36,10 +36,10 @@ METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps"
 
 @fields_as_keywords(TaskSpec)
 class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
-    """A closed loop whose step is `ticks` ticks; observations are events, and encoders on request.
+    """A closed loop with steps of `ticks` ticks; it observes events, and encoders on request.
 
-    Terminated: a limit was left, or physics broke down; info["done"] is the reason. Truncated:
-    max_s have passed. There are no events after reset: light is compared with that of the start.
+    Terminated: a limit was exceeded or the physics became unstable; info["done"] has the reason.
+    Truncated: max_s have passed. There are no events after a reset, whose light is the reference.
     """
 
     metadata = METADATA
@@ -60,15 +60,18 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         Args:
             scene: See TaskSpec; or a TaskSpec.
             cameras: See TaskSpec.
-            delays: between camera, agent and actuators, and packets lost, as of evs.ClosedLoop
-            threads: of the renderer; several environments in parallel are fastest with one each
+            delays: delays between camera, agent and actuators, and lost packets, as in
+                evs.ClosedLoop
+            threads: threads of the renderer; several environments in parallel are fastest with one
+                each
             render_mode: None, rgb_array, or human: a page in the browser shows every step, in real
                 time (extra web)
             render_camera: the camera of `render`; "" is the model's first, or a free one
-            **fields: fields of TaskSpec; what `randomise` drew is info["sensor"] and info["scene"]
+            **fields: fields of TaskSpec; info["sensor"] and info["scene"] have the values of
+            `randomise`
 
         Raises:
-            EvsError: an argument is not possible; the message is one line
+            EvsError: an argument is invalid
         """
         spec = TaskSpec.of(scene, cameras, fields)
         # what a copy is made with
@@ -128,7 +131,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._events: dict[str, Events] = {}
 
     def __deepcopy__(self, memo: dict[int, Any]) -> LoopEnv:
-        """An environment of its own that goes on from here with the same bytes."""
+        """A copy that continues from the present state with the same bytes."""
         kind = type(self)
         twin = memo[id(self)] = kind.__new__(kind)
         LoopEnv.__init__(twin, **self._arguments)
@@ -162,8 +165,8 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             also sensor and scene: key -> value of this episode.
 
         Raises:
-            EvsError: An option is unknown, values of the scene make no model, or a limit is left at
-                the start; nothing has changed.
+            EvsError: An option is unknown, the values of the scene are invalid, or a limit is
+                exceeded at the start. Nothing has changed.
         """
         wanted = dict(options or {})
         keyframe = str(wanted.pop("keyframe", self._keyframe))
@@ -198,7 +201,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             action: (nu,) numbers -1 ... 1.
 
         Returns:
-            Observation, reward, terminated, truncated, info as of `reset`.
+            Observation, reward, terminated, truncated, info as in `reset`.
 
         Raises:
             EvsError: The episode is over, or the action has another shape.
@@ -258,7 +261,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         return self._task.observation(rows, seen.position, seen.velocity), info
 
     def render(self) -> U8 | None:
-        """(h, w, 3) uint8 sRGB: scene and events of the last step; None but with rgb_array."""
+        """(h, w, 3) uint8 sRGB: scene and events of the last step; None without rgb_array."""
         if self._scene is None:
             return None
         sizes = {c.name: (c.info.width, c.info.height) for c in self.loop.world.cameras}

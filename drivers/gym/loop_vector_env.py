@@ -31,7 +31,7 @@ I64 = npt.NDArray[np.int64]
 class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
     """Many LoopEnv in one process: the same arguments, spaces, rewards and, by seed, bytes.
 
-    What gymnasium.vector.SyncVectorEnv of LoopEnv gives, faster: see evs.Worlds.
+    A faster gymnasium.vector.SyncVectorEnv of LoopEnv; see evs.Worlds.
     """
 
     metadata = METADATA | {"render_modes": []}
@@ -58,13 +58,13 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
             threads: worlds at once; 0: one per core
             render_mode: None: the environments of gymnasium.make have pictures
             render_camera: not used
-            autoreset_mode: when an environment whose episode is over begins another: NextStep,
-                SameStep or Disabled, as of gymnasium.vector
+            autoreset_mode: when an environment begins a new episode: NextStep, SameStep or
+                Disabled, as in gymnasium.vector
             copy: whether observations are copies; False: the next step overwrites them
             **fields: fields of TaskSpec
 
         Raises:
-            EvsError: an argument is not possible; the message is one line
+            EvsError: an argument is invalid
         """
         del render_camera
         if render_mode is not None:
@@ -117,11 +117,11 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
 
         Args:
             seed: Environment i has seed + i; or a seed for each; None: continue the random numbers.
-            options: {"keyframe": name} as of LoopEnv; {"reset_mask": (n,) bool} of which
+            options: {"keyframe": name} as in LoopEnv; {"reset_mask": (n,) bool} of which
                 environments.
 
         Returns:
-            The observations, and info as of LoopEnv, an array of each.
+            The observations, and info as in LoopEnv, an array of each.
 
         Raises:
             EvsError: See `LoopEnv`; or the number of seeds is wrong. No environment has changed.
@@ -196,7 +196,7 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
             actions: (n, nu) numbers -1 ... 1.
 
         Returns:
-            Observations, rewards, terminations, truncations, infos, as of gymnasium.vector.
+            Observations, rewards, terminations, truncations, infos, as in gymnasium.vector.
 
         Raises:
             EvsError: The actions have another shape, or an episode is over with autoreset_mode

@@ -34,7 +34,7 @@ written as JSON."""
 
 
 def register_all() -> None:
-    """Register the environments; those that are registered already stay."""
+    """Register the environments that are not registered yet."""
     for name, arguments in ENVIRONMENTS.items():
         if name not in gymnasium.registry:
             gymnasium.register(

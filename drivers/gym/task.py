@@ -48,7 +48,7 @@ def random_unchanged_on_error(*generators: np.random.Generator | None) -> Iterat
 @named_keywords
 @dataclass(frozen=True, eq=False)
 class TaskSpec(EpisodeSpec):
-    """Episodes in which an agent acts: what it observes and is rewarded for, and how long.
+    """Episodes of an agent: its observations, its rewards and the length.
 
     LoopEnv, LoopVectorEnv, `gymnasium.make` and evs.make_vec take these fields as keywords, or a
     value in place of the scene.

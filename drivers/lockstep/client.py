@@ -83,15 +83,15 @@ def connect(
 
 
 class RemoteLoop:
-    """A closed loop in another process. One thread uses it; close it, or use `with`.
+    """A closed loop in another process. Use it in one thread; close it, or use `with`.
 
         with evs.connect("tcp://127.0.0.1:5570") as loop:
             seen = loop.reset(seed=1)
             while not seen.done:
                 seen = loop.step(controller(seen))
 
-    Arrays of what it gives cannot be written. Every method raises EvsError, with one line, for what
-    the server refuses, and where no answer comes within `timeout_s` or the server is gone.
+    Its arrays are read-only. Every method raises EvsError if the server rejects the request, does
+    not answer within `timeout_s`, or has ended.
     """
 
     def __init__(
@@ -141,13 +141,13 @@ class RemoteLoop:
 
     @property
     def nu(self) -> int:
-        """How many controls this controller gives."""
+        """Number of controls of this controller."""
         return len(self.actuators)
 
     def reset(
         self, seed: int | None = None, keyframe: str = "", state: bool = False
     ) -> Observation:
-        """Begin an episode, once every controller asks for it; see evs.ClosedLoop.reset."""
+        """Begin an episode once every controller has requested it; see evs.ClosedLoop.reset."""
         if seed is not None and not (isinstance(seed, int) and abs(seed) <= MAX_INT64):
             raise EvsError(
                 f"seed is {seed!r}: give an integer of 64 bits, or None to keep the last"
@@ -155,14 +155,14 @@ class RemoteLoop:
         return self._seen(Reset(seed, str(keyframe), bool(state)))
 
     def step(self, ctrl: npt.ArrayLike | None = None, ticks: int = 1) -> Observation:
-        """Give a control and wait until every controller has, and the ticks are done.
+        """Send a control, and wait for all controllers and the ticks.
 
         Args:
-            ctrl: (nu,) of this controller's actuators; None keeps the last.
-            ticks: How many to advance.
+            ctrl: (nu,) controls of this controller's actuators; None keeps the last.
+            ticks: Number of ticks.
 
         Returns:
-            What is seen then.
+            The next observation.
         """
         if type(ticks) is not int or not 1 <= ticks <= MAX_TICKS:
             raise EvsError(f"ticks is {ticks!r}: a step is 1 ... {MAX_TICKS} ticks")
@@ -182,7 +182,7 @@ class RemoteLoop:
         return self._seen(Restore(bytes(blob)))
 
     def close(self) -> None:
-        """Leave. Safe to call twice."""
+        """Leave the loop. Safe to call twice."""
         if self._end is None:
             return
         with suppress(EvsError):

@@ -116,7 +116,7 @@ class ServedRun(RunLoop):
         warn: Callable[[str], None] | None,
         sensors: SensorControl | None = None,
     ) -> None:
-        """Make a run that has not begun; arguments as of RunLoop."""
+        """Make a run that has not begun; arguments as in RunLoop."""
         super().__init__(loop.world, segments, watch, pacer, warn, sensors)
         self.segments = segments
         self._stopped: Sequence[str] = ()
@@ -141,7 +141,7 @@ class ServedRun(RunLoop):
         self.server.open()
 
     def drive(self) -> None:
-        """Answer controllers until somebody wants the run to stop, or a sink fails."""
+        """Answer controllers until the run has to stop, or a sink fails."""
         begin_s = monotonic_s()
         try:
             with stop_signals() as stopped:

@@ -92,7 +92,7 @@ class ServedLoop(Protocol):
 
 
 class LockstepServer:
-    """Serves a loop to one or many controllers. One thread uses it: `open`, `serve`, `close`.
+    """Serves a loop to one or more controllers. Use it in one thread: `open`, `serve`, `close`.
 
     A controller that does not decide within `timeout_s` of the first that did, or whose connection
     closes, loses its seat; the others are notified, and the loop waits for a reset or a restore.

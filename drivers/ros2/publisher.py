@@ -102,7 +102,7 @@ class Ros2Publisher(Sink):
         connect: Callable[[], Connection] | None = None,
         **keys: Any,
     ) -> None:
-        """Make a publisher that is not open yet.
+        """Make a publisher, which `open` opens.
 
         Args:
             linger_s: How long `close` sends what still waits, s.

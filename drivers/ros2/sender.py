@@ -108,7 +108,7 @@ class Sender:
             self._changed.notify_all()
 
     def flush(self, seconds: float) -> None:
-        """Wait until all messages are sent (reliable: confirmed), at most so many seconds."""
+        """Wait until all messages are sent (reliable: confirmed), or for a number of seconds."""
         deadline_s = monotonic_s() + seconds
         if not self._thread.is_alive():
             return

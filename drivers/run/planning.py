@@ -40,7 +40,7 @@ class PipelinePlan:
     renderer: str
     sinks: tuple[str, ...]
     threads: int
-    """0: one a core"""
+    """0: one per core"""
     plan: ScenePlan
     measured: Measured | None = None
 

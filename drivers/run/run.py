@@ -89,7 +89,7 @@ def run(
 
 
 class _TimedRun(RunLoop):
-    """Steps the world until its ticks are done or somebody wants it to stop."""
+    """Steps the world until its ticks are done or a request to stop."""
 
     def __init__(
         self,

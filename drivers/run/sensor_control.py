@@ -28,7 +28,7 @@ class AdjustableCamera(Protocol):
 
     @property
     def sensor(self) -> SensorParameters:
-        """The sensor as it is now, resolved."""
+        """The present sensor, resolved."""
 
     @property
     def config(self) -> RunConfig:
@@ -89,7 +89,7 @@ class SensorControl:
 
         Args:
             camera: Its name; empty: the only one.
-            values: Key, as of `parameters`, and value.
+            values: Key, as in `parameters`, and value.
 
         Raises:
             EvsError: No such camera or key, or an impossible value; nothing has changed.

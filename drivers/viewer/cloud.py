@@ -56,7 +56,7 @@ class EventCloud:
 
 
 def _thinned(events: Events, most: int) -> Events:
-    """At most so many, evenly chosen; the newest is one of them."""
+    """At most this number of points, evenly chosen, the newest included."""
     if len(events) <= most:
         return events
     return events[np.arange(1, most + 1) * len(events) // most - 1]

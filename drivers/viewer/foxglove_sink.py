@@ -46,7 +46,7 @@ class FoxgloveSink(PictureSink):
             encoding: Of the events, a key of PAYLOADS.
             queue: Messages that may wait for the thread that sends them, and for each client.
             wait_for: Clients that `open` waits for.
-            wait_s: How long it waits, s.
+            wait_s: Time to wait, s.
             insecure: Whether other machines may connect.
 
         Raises:

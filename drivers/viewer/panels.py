@@ -166,7 +166,7 @@ class FoxgloveDrawing:
         return self._overflows.lines
 
     def wait_for_clients(self, count: int, seconds: float) -> bool:
-        """Wait until so many have subscribed; return False where they did not in time."""
+        """Wait for a number of subscribers; return False if they do not come in time."""
         return self._listener.wait(count, seconds)
 
     @property
@@ -452,7 +452,7 @@ class _Listener:
         """Nothing: a client that was there counts."""
 
     def wait(self, count: int, seconds: float) -> bool:
-        """Wait until so many have come."""
+        """Wait for a number of subscribers."""
         with self._changed:
             return self._changed.wait_for(lambda: len(self.clients) >= count, seconds)
 

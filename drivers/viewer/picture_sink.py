@@ -27,7 +27,7 @@ class Drawing(Protocol):
         """Why nothing more can be drawn; empty while all is well."""
 
     def wants(self, stream: Stream, camera: str) -> bool:
-        """Return whether somebody looks at a stream of a camera now."""
+        """Return whether a client views a stream of a camera."""
 
     def events(self, packet: EventPacket) -> None:
         """Take the events themselves, before the windows that they complete."""

@@ -13,7 +13,7 @@ Commit = Callable[[], None]
 
 
 class Meter(Protocol):
-    """Measures how long each stage took. The emulator itself reads no clock."""
+    """Measures the time of each stage. The emulator itself reads no clock."""
 
     def lap(self, stage: str) -> None:
         """The time since the previous lap belongs to `stage`."""
@@ -162,7 +162,7 @@ class EventModel(Protocol):
         """Turn the light of one tick into events; the first tick only sets the reference.
 
         Args:
-            luminance: (h, w) float32, linear, as of Renderer.render, at the end of the tick.
+            luminance: (h, w) float32, linear, as in Renderer.render, at the end of the tick.
             state: From `init`, `restore` or the last `step`; it is consumed.
             t_begin_us: Where the tick begins, us.
             t_end_us: Where it ends, us.

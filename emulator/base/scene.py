@@ -348,7 +348,7 @@ class CameraModel:
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """Of the first surface, opaque or not, on the ray through each pixel's centre."""
+    """Values of the first surface, opaque or not, on the ray through each pixel's centre."""
 
     t_us: int
     depth: F32

@@ -69,10 +69,10 @@ _OWN_KEYS = ("scene", "sensor", "render", "model", "name", "seed", "threads", "p
 
 
 class Camera(SceneView):
-    """Renders what it sees of each snapshot and turns the change of light into events.
+    """Renders each snapshot and turns changes of light into events.
 
-    `start` sets the reference, then every `observe` gives the packet of the time since the last;
-    with model.chunk over 1 none while the chunk fills, then those of all its ticks.
+    `start` sets the reference. Every `observe` then returns the packet since the last call. With
+    model.chunk over 1 it returns none while the chunk fills, and then those of all its ticks.
     """
 
     _seen_from: Viewpoint
@@ -155,12 +155,12 @@ class Camera(SceneView):
         """Forget everything seen.
 
         Args:
-            seed: Another one from now on, as if the camera were made with it.
-            sensor: Another one of the same size from now on, as if the camera were made with it.
+            seed: Another seed from now on, as if the camera were made with it.
+            sensor: Another sensor of the same size from now on, as if the camera were made with it.
 
         Raises:
-            EvsError: The sensor makes no sense, or has another size, or other frames or IMU;
-                nothing has changed.
+            EvsError: The sensor is invalid, or has another size, or other frames or IMU. Nothing
+                has changed.
         """
         self.prepare_reset(seed, sensor)()
 
@@ -239,16 +239,18 @@ class Camera(SceneView):
     def adjust(self, **keys: object) -> None:
         """Change parameters of the sensor while it runs, from the next tick on.
 
-        Pixels keep their state. A still pixel that a lower threshold has passed fires in the next
-        tick, as in a real chip. With another sensor a saved state is another camera's.
+        Pixels keep their state. If a lowered threshold passes the level of a still pixel, the pixel
+        fires in the next tick, as in a real chip. A changed sensor counts as another camera in
+        saved states.
 
         Args:
-            **keys: Of `adjustable`: keys of [sensor], as in `pos_thres=0.3`, and the chip's biases,
+            **keys: Keys in `adjustable`: keys of [sensor], as in `pos_thres=0.3`, and the chip's
+            biases,
                 as in `**{"biases.bias_diff_on": 20}`.
 
         Raises:
-            EvsError: Another key, a value out of its range, or one that switches a term on or off;
-                nothing has changed.
+            EvsError: Another key, a value out of range, or a value that switches a term on or off.
+                Nothing has changed.
         """
         known = self.adjustable
         for key in keys:
@@ -261,7 +263,7 @@ class Camera(SceneView):
 
     @property
     def adjustable(self) -> tuple[str, ...]:
-        """Keys of [sensor] that `adjust` takes: those of the event model, and the chip's biases."""
+        """Keys of [sensor] that `adjust` accepts, including the chip's biases."""
         biases = preset_biases(self.config.sensor.preset)
         names = () if biases is None else biases.values
         return (*self._pixels.adjustable, *(f"biases.{name}" for name in names))
@@ -574,7 +576,7 @@ class Camera(SceneView):
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """Intensity frames whose read-out ended in the last tick; none but with sensor.aps."""
+        """Intensity frames whose read-out ended in the last tick; needs sensor.aps."""
         return self._auxiliary.frames
 
     @property
@@ -584,7 +586,7 @@ class Camera(SceneView):
 
     @property
     def pose(self) -> Pose | None:
-        """Where it was at the end of the last tick; None before the first snapshot."""
+        """Its pose at the end of the last tick; None before the first snapshot."""
         if self._now is None:
             return None
         snapshot, pose = self._now
@@ -632,7 +634,7 @@ class Camera(SceneView):
 
     @property
     def is_dark(self) -> bool:
-        """Whether nothing was lit in the last tick: a black picture, or at most a backdrop."""
+        """Whether the last tick was dark: a black picture, or only a backdrop."""
         return self._luminance is not None and (self._unlit or not np.any(self._luminance))
 
     @property
@@ -660,7 +662,7 @@ class Camera(SceneView):
 
     @property
     def plan(self) -> ScenePlan:
-        """What its scene contains, which code paths are on, and why; worked out at each call."""
+        """The contents of its scene, the active code paths and why, computed at each call."""
         there = self._world, self._viewpoint.scene, self.bound, self.sensor
         return plan_scene(*there, self.config, self._switches, self.features)
 

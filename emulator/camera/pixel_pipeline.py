@@ -76,7 +76,7 @@ def make_event_model(
     Args:
         sensor: The sensor, resolved.
         model: [model].
-        threads: Worker threads; 0 is one a core.
+        threads: Worker threads; 0: one per core.
         spp: Samples a pixel of light with noise, 0 without: a family of networks has a member for
             it.
         switches: Code paths that are forced on or off.

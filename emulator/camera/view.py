@@ -144,7 +144,7 @@ class SceneView:
 
 
 class View(SceneView):
-    """The light and the ground truth of a world's present, each computed on request."""
+    """The present light and ground truth of a world, computed on request."""
 
     def __init__(
         self,
@@ -191,7 +191,7 @@ class View(SceneView):
         self._now = self._previous = None
 
     def start(self) -> None:
-        """See the present, if nothing was seen yet."""
+        """Observe the present state if nothing was observed yet."""
         self._instant()
 
     def move(self, snapshot: SceneSnapshot) -> None:
@@ -212,7 +212,7 @@ class View(SceneView):
         return np.array(luminance), None if colour is None else np.array(colour)
 
     def ground_truth(self) -> GroundTruth:
-        """Of the present; its flow is the motion since the tick before."""
+        """Ground truth of the present; its flow is the motion since the previous tick."""
         instant = self._instant()
         truth = self._viewpoint.renderer.ground_truth(*instant, self._previous)
         return replace(truth, t_us=truth.t_us + self._start_us)

@@ -1,4 +1,4 @@
-"""GraphNetwork: a network that somebody else designed, known by its ONNX graph and its sidecar.
+"""GraphNetwork: a network of another design, given by its ONNX graph and its sidecar.
 
 The graph has the inputs and outputs of emulator/evsnet/onnx_graph.py, but its weights bear other
 names, or it computes something else. Only runtime onnxruntime runs it.

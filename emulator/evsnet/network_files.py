@@ -81,7 +81,7 @@ def network_path(network: str, spp: int = 0) -> Path:
 
 
 def load_network(network: str, spp: int = 0) -> Network:
-    """The network of that name or path, as of `network_path`. Raises EvsError."""
+    """The network of that name or path, as in `network_path`. Raises EvsError."""
     return read_network(network_path(network, spp))
 
 
@@ -266,7 +266,7 @@ def families(names: Iterable[str]) -> list[str]:
 
 
 def nearest_member(found: Mapping[int, T], spp: int) -> T:
-    """The member for light of so many samples a pixel; 0: light without noise.
+    """The member for light with this number of samples per pixel; 0: light without noise.
 
     The nearest by ratio; of two that are as near, the one of fewer samples.
     """

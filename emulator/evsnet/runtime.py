@@ -96,7 +96,7 @@ def make_runtime(
         sensor: The sensor, resolved.
         weights: The network.
         provider: The execution provider of onnxruntime.
-        threads: Worker threads; 0 is one a core.
+        threads: Worker threads; 0: one per core.
         isa: Instruction set of native.
         sparse: Whether native leaves out pixels without current.
         most: Events of a pixel in a tick, as of bilif.most_events.

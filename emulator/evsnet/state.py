@@ -47,7 +47,7 @@ class NetworkState:
     runtime: str
     """whose arrays these are"""
     network: str
-    """name and digest of the weights, as of `identity`"""
+    """name and digest of the weights, as in `identity`"""
     arrays: dict[str, np.ndarray[Any, Any]]
     """by name: last_luminance, last_log, v, last, and the runtime's"""
     ticks: int = 0

@@ -36,7 +36,7 @@ def make_renderer(
         scene: What is seen.
         camera: The optics.
         config: [render].
-        threads: Worker threads; 0 is one a core.
+        threads: Worker threads; 0: one per core.
         rgb: Whether colour is wanted beside the luminance.
         seed: What the noise of `path` follows from.
         switches: Code paths that are forced on or off (not of raster).

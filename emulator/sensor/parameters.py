@@ -248,7 +248,7 @@ class ModelRequest:
     sensor: SensorParameters
     model: ModelConfig
     threads: int
-    """0 is one a core"""
+    """0: one per core"""
     spp: int
     """samples a pixel of light with noise; 0: it has none"""
     switches: Switches

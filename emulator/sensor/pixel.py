@@ -536,7 +536,7 @@ def log_light(luminance: F32, sensor: SensorParameters) -> F32:
     """Map luminance to log units, with the same bits as inside the event models.
 
     Args:
-        luminance: Of any shape, linear, as of Renderer.render.
+        luminance: Of any shape, linear, as in Renderer.render.
         sensor: The sensor, resolved.
 
     Returns:

@@ -248,7 +248,7 @@ class ClosedLoop(Resumable):
         return not self._done
 
     def save(self, compress: bool = False) -> bytes:
-        """See Resumable.save."""
+        """See `Resumable.save`."""
         if self._done is None:
             raise EvsError("the loop has not begun: call reset before save")
         return super().save(compress)

@@ -129,7 +129,7 @@ class EventCamera(Resumable):
         self._stability = StabilityWatch()
 
     def _see_edits(self) -> None:
-        """Show the model as it is now, where somebody has edited it. Raises EvsError."""
+        """Show edits of the model. Raises EvsError."""
         if not self._scene.outdated():
             return
         scene = self._scene.extract()
@@ -236,7 +236,7 @@ class EventCamera(Resumable):
         self._camera.adjust(**keys)
 
     def restore(self, blob: bytes) -> None:
-        """See Resumable.restore; put the data back as well."""
+        """See `Resumable.restore`; put the data back as well."""
         self._scene.compare_large_arrays()
         self._see_edits()
         super().restore(blob)

@@ -1,4 +1,4 @@
-"""Pixels: our event pixels behind somebody else's renderer, simulator or film."""
+"""Pixels: event pixels for frames of other renderers, simulators and films."""
 
 from __future__ import annotations
 

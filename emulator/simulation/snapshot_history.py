@@ -18,7 +18,7 @@ class PastInstant(NamedTuple):
     t_us: int
     exposure_us: int
     places: F64
-    """(n,) as of SnapshotTaker.places"""
+    """(n,) as in SnapshotTaker.places"""
 
 
 class SnapshotHistory:

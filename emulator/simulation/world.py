@@ -318,7 +318,7 @@ class World(Resumable):
         return self._history.snapshot(self.data, self.physics.t_us, self.substeps.tick_us)
 
     def _see_edits(self, close: bool = True) -> None:
-        """Show the model as it is now, where somebody has edited it. Raises EvsError.
+        """Show edits of the model. Raises EvsError.
 
         Args:
             close: See `LiveScene.outdated`.
@@ -359,7 +359,7 @@ class World(Resumable):
         return self._scene.revision
 
     def restore(self, blob: bytes) -> None:
-        """See Resumable.restore."""
+        """See `Resumable.restore`."""
         restore_worlds([self], [blob])
 
     @contextmanager

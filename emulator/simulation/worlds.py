@@ -394,7 +394,7 @@ class Worlds:
             self._begin(chosen)
             if must_run and (over := [n for n in chosen if n in self.ended]):
                 raise over_at_once(self.ended[over[0]])
-        # an edit that cannot be shown is reported by the next step, as of World
+        # an edit that cannot be shown is reported by the next step, as in World
         with suppress(EvsError):
             self._see_rest(chosen)
 
@@ -481,7 +481,7 @@ class Worlds:
                 self._batch.settle(number)
 
     def _see_edits(self) -> None:
-        """Show every model as it is now. Raises EvsError."""
+        """Show edits of every model. Raises EvsError."""
         if self._firsts is None:
             firsts = {id(world.model): number for number, world in enumerate(self._worlds)}
             self._firsts = [*firsts.values()]

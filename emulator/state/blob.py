@@ -127,7 +127,7 @@ def unpack(blob: bytes, check: Check | None = None) -> tuple[dict[str, Any], dic
 
 
 def described(blob: bytes) -> dict[str, Any]:
-    """The description of a saved state, without its arrays. EvsError as of `unpack`."""
+    """The description of a saved state, without its arrays. EvsError as in `unpack`."""
     raw = _opened(blob)
     _, _, _, size = _START.unpack(raw[: _START.size])
     return _head(raw[_START.size : _START.size + size])[0]

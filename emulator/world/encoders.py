@@ -214,9 +214,9 @@ class Measurements:
         self.stage = max(self._one.stage, int(Stages.mjSTAGE_VEL))
         """how much of the forward dynamics they need, a mjtStage"""
         self.position = np.zeros((worlds, len(self._one.position)))
-        """(n, actuators) as of Encoders"""
+        """(n, actuators) as in Encoders"""
         self.velocity = np.zeros_like(self.position)
-        """(n, actuators) as of Encoders"""
+        """(n, actuators) as in Encoders"""
         self.sensordata = np.zeros((worlds, model.nsensordata))
         """(n, nsensordata)"""
 

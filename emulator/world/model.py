@@ -386,7 +386,7 @@ class ModelDigest:
 
 
 class LeftOutWarning(UserWarning):
-    """The model has something that is not shown; the message has what, and the fix."""
+    """Part of the model is not shown; the message names the part and the fix."""
 
 
 def warn_left_out(lines: Sequence[str]) -> None:

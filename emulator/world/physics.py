@@ -92,7 +92,7 @@ def fill_tick(tick_us: int, model_timestep_s: float) -> Substeps:
 
 
 class UnstableError(EvsError):
-    """MuJoCo gave up on the state: when, with which warning, and at which joint or body."""
+    """The physics became unstable; the message has time, warning, and joint or body."""
 
 
 def joint_place(model: mujoco.MjModel, joint: int) -> str:
@@ -223,7 +223,7 @@ _SILENT = [SILENT] * len(FATAL)
 
 
 class UnstableWarning(UserWarning):
-    """A simulation that somebody else steps was unstable. Once for each watch."""
+    """A simulation that is stepped outside of evs was unstable. Issued once per watch."""
 
 
 def _unstable_joint(model: mujoco.MjModel, warning: int, info: int) -> str:
@@ -234,7 +234,7 @@ def _unstable_joint(model: mujoco.MjModel, warning: int, info: int) -> str:
 
 
 class StabilityWatch:
-    """Notices that MuJoCo found the state of data bad, which somebody else steps.
+    """Notices that MuJoCo found a bad state of data that is stepped outside of evs.
 
     MuJoCo resets such data by itself: they look as if they had been reset on purpose. Their count
     of warnings shows the difference, since a reset sets it to 0.
@@ -377,7 +377,7 @@ class Physics:
         return commit
 
     def take(self, state: F64, tick: int) -> None:
-        """Be in a state, as of `state`, after so many ticks. What follows is not computed."""
+        """Be in a state, as in `state`, after so many ticks. What follows is not computed."""
         mujoco.mj_setState(self.model, self.data, state, STATE)
         self.tick = tick
 

@@ -106,7 +106,7 @@ class PhysicsBatch:
 
     @property
     def places(self) -> F64:
-        """(n, k) what everything's place follows from, as of SnapshotTaker.places; a copy."""
+        """(n, k) what everything's place follows from, as in SnapshotTaker.places; a copy."""
         return np.concatenate(self._places, axis=1)
 
     def places_of(self, world: int) -> F64:
@@ -180,7 +180,7 @@ class PhysicsBatch:
 
 
 class PoseBatch:
-    """Where everything in many worlds is after a tick: rows as of SnapshotTaker, world by world."""
+    """Where everything in many worlds is after a tick: rows as in SnapshotTaker, world by world."""
 
     def __init__(
         self,

@@ -134,7 +134,7 @@ class SnapshotTaker:
     def again(self, places: F64, t_us: int, exposure_us: int = 0) -> SceneSnapshot:
         """The snapshot of that time, from its `places`. EvsError where they are of another model.
 
-        The other arguments as of `snapshot`.
+        The other arguments as in `snapshot`.
         """
         ends = np.cumsum([self._qpos.size, self._mocap_pos.size, self._mocap_quat.size])
         if places.shape != (ends[-1],) or not np.isfinite(places).all():

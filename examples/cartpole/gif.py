@@ -24,7 +24,7 @@ from evs.msgs import Observation
 from evs.msgs.pictures import INK, U8
 
 WINDOW_TICKS = 10
-"""an image shows the events of the last so many ticks"""
+"""an image shows the events of this number of past ticks"""
 
 
 def record_gif(path: Path, trial: CartPoleTrial) -> CartPoleResult:

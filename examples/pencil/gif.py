@@ -25,7 +25,7 @@ from evs.msgs import Observation
 from evs.msgs.pictures import INK, U8
 
 WINDOW_MS = 10
-"""an image shows the events of the last so many ms"""
+"""an image shows the events of this number of past ms"""
 
 
 def record_gif(path: Path, trial: PencilTrial, tracker: str = "events") -> PencilResult:

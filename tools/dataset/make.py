@@ -61,8 +61,8 @@ def make_dataset(
         folder: target folder.
         scenes: name -> scene.
         shard_s: simulated seconds of a shard.
-        workers: processes that make shards at once, as of run_jobs.
-        ray: address of a Ray cluster, as of run_jobs.
+        workers: processes that make shards at once, as in run_jobs.
+        ray: address of a Ray cluster, as in run_jobs.
         moved: called with the number of shards that are done and the name of one that runs.
         stopped: polled before each shard.
 
@@ -107,7 +107,7 @@ def make_dataset(
 
 
 def shard_count(scenes: Mapping[str, SceneFile], shard_s: float = SHARD_S) -> int:
-    """How many shards make_dataset makes at most."""
+    """The maximum number of shards of make_dataset."""
     count = 0
     for scene in scenes.values():
         length = max(1, round(shard_s * 1e6 / scene.scene.tick_us))

@@ -118,13 +118,14 @@ def verify(folder: Path, moved: Callable[[int, str], None] = lambda _done, _name
 
     Args:
         folder: of the data set.
-        moved: called before each file, with how many are done and its name.
+        moved: called before each file with the number of files done and its name.
 
     Returns:
         The number of files.
 
     Raises:
-        EvsError: files are missing or changed; it says what to remove so that they are made again.
+        EvsError: files are missing or changed; the message names what to remove so that they are
+            made again.
     """
     files: dict[str, dict[str, Any]] = read_json(folder / MANIFEST)["files"]
     wrong = []

@@ -131,9 +131,9 @@ def named(name: str, overrides: Overrides = ()) -> SceneFile:
 
 
 def of_file(file: str, name: str, overrides: Overrides = ()) -> SceneFile:
-    """A scene of the user, whose actuators move at random unless it says otherwise.
+    """A scene of the user, whose actuators move at random by default.
 
-    If FILE.toml lies beside FILE.xml, it is read like those of the set.
+    If FILE.toml exists next to FILE.xml, it is read like those of the set.
 
     Args:
         file: that MuJoCo reads.

@@ -15,7 +15,7 @@ from evs.msgs import EvsError
 
 
 class Job(Protocol):
-    """A frozen dataclass of a module, so that pickle can send it to a process or machine."""
+    """A frozen dataclass in a module, so that it can be pickled for other processes."""
 
     @property
     def name(self) -> str:
@@ -25,7 +25,7 @@ class Job(Protocol):
         """Write the files into an empty folder, and nothing anywhere else.
 
         The folder becomes `target/name`. A single file with the last part of the name becomes that
-        file instead. The content must follow from the job's fields: a job may run twice.
+        file instead. The content must depend only on the job's fields, because a job may run twice.
         `job_threads` returns the threads that it may use; `report_progress` reports its progress.
 
         Args:
@@ -38,7 +38,7 @@ class Job(Protocol):
 
 @dataclass(frozen=True)
 class JobSummary:
-    """What run_jobs did."""
+    """The result of run_jobs."""
 
     made: int
     """jobs that ran"""

@@ -39,19 +39,19 @@ def cluster_batches(
     threads: int = 1,
     on_lost: Callable[[str], None] = warnings.warn,
 ) -> Iterator[list[Any]]:
-    """Fetch batches on a cluster; yield each as `dataset.__getitems__(indices)` gives it, in order.
+    """Simulate batches on a cluster; yield `dataset.__getitems__(indices)` of each, in order.
 
         for samples in cluster_batches(dataset, batches, "10.0.0.1:6379"):
             batch = torch.utils.data.default_collate(samples)
 
-    As many batches are at the cluster as it has places for, and two more; one that is not taken
-    holds its place. A batch whose node or worker dies is fetched again, three times at most.
+    The cluster holds one batch per slot and two more; a batch keeps its slot until it is consumed.
+    A batch whose node or worker dies is simulated again, at most three times.
 
     Args:
         dataset: pickled once; the same versions must be on every node, see run_jobs.
-        batches: the indices of each batch; read as there is room.
-        address: of the head node, HOST:PORT, or `auto` on a machine of the cluster.
-        threads: cores that a batch takes.
+        batches: the indices of each batch, read on demand.
+        address: address of the head node, HOST:PORT, or `auto` on a machine of the cluster.
+        threads: cores per batch.
         on_lost: called with a line when a batch is fetched again.
 
     Raises:

@@ -133,7 +133,7 @@ def cancel_all(ray: Any, references: Iterable[Any]) -> None:
 
 
 def _check_reachable(address: str) -> None:
-    """Raise EvsError if nobody listens; Ray itself would try for a minute."""
+    """Raise EvsError if no cluster listens; Ray itself would try for a minute."""
     check_address(address)
     if address == "auto":
         return

@@ -30,7 +30,7 @@ def run_jobs(
     stopped: Callable[[], bool] = lambda: False,
     then: Callable[[JobT], Iterable[JobT]] = lambda _job: (),
 ) -> JobSummary:
-    """Run the jobs whose `target/name` does not exist. The bytes do not depend on who runs them.
+    """Run the jobs whose `target/name` does not exist. The bytes do not depend on the workers.
 
     Args:
         jobs: the jobs.
@@ -40,15 +40,15 @@ def run_jobs(
         threads: threads of each job; 0: its share of the cores, on a cluster one.
         on_done: called with each finished job and whether it is new.
         on_share: called with the progress of a running job, 0 ... 1; not on a cluster.
-        on_lost: called with a line when a worker or node died and its job is run again.
-        stopped: polled before each job; jobs that run are completed.
-        then: the jobs that can run once this one is done; they go before the others.
+        on_lost: called with a line when a worker or node dies and its job runs again.
+        stopped: polled before each job; running jobs are completed.
+        then: returns the jobs that can run once this one is done; they run before the others.
 
     Returns:
-        How many jobs ran, existed or were left.
+        The numbers of jobs that ran, existed or were left.
 
     Raises:
-        EvsError: a job failed; the message names it. Finished jobs stay.
+        EvsError: a job failed; the message names it. Results of finished jobs remain.
     """
     check_workers(workers, ray)
     check_names(job.name for job in jobs)
@@ -120,7 +120,7 @@ def check_workers(workers: int, ray: str) -> None:
     """Check the options of run_jobs.
 
     Raises:
-        EvsError: the options do not go together, or are out of range.
+        EvsError: the options conflict or are out of range.
     """
     if not 1 <= workers <= MOST_WORKERS:
         raise EvsError(f"workers is {workers}: give 1 ... {MOST_WORKERS}")

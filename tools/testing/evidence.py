@@ -102,13 +102,13 @@ def replay(path: str | Path, loop: ClosedLoop | None = None) -> Iterator[Observa
 
     Args:
         path: the file, seed-N.npz.
-        loop: a loop made as in the test; None: made as the file says, if its scene was a file.
+        loop: a loop like that of the test; None: the loop of the file, if its scene was a file.
 
     Yields:
-        What the controller saw: the observation at the start, then one for each decision.
+        The observations of the controller: at the start, then after each decision.
 
     Raises:
-        EvsError: the file is damaged or is no such file, or the loop is of another kind.
+        EvsError: the file is damaged or has another format, or the loop is of another kind.
     """
     about, ctrl, start = _read(Path(path))
     loop = loop or _loop_of(about, path)

@@ -97,7 +97,7 @@ class Run:
     def settles(
         self, sensor: str, within: float, after_s: float = 0.0, target: float = 0.0
     ) -> None:
-        """From `after_s` on, the sensor stays within target +- within, the edges included."""
+        """From `after_s` on, the sensor stays within target +- within, inclusive."""
         __tracebackhide__ = True
         if not (within >= 0.0 and 0.0 <= after_s < self.seconds):
             raise EvsError(
@@ -107,7 +107,7 @@ class Run:
         self._stays(f"{sensor} does not settle", sensor, target - within, target + within, after_s)
 
     def never_leaves(self, sensor: str, low: float, high: float) -> None:
-        """At every moment the sensor is within low ... high, the edges included."""
+        """The sensor always stays within low ... high, inclusive."""
         __tracebackhide__ = True
         if not low <= high:
             raise EvsError(f"never_leaves('{sensor}', {low}, {high}): give low <= high")

@@ -25,13 +25,13 @@ Decide = Callable[[Observation], npt.ArrayLike | None]
 
 
 class LoopRunner:
-    """Runs controllers against scenes, and keeps the episodes of claims that fail."""
+    """Runs controllers against scenes, and stores the episodes of failed claims."""
 
     def __init__(self, folder: Path) -> None:
         """Make a runner.
 
         Args:
-            folder: where the episodes of failed claims are written.
+            folder: folder for the episodes of failed claims.
         """
         self._folder, self._runs = folder, 0
 

@@ -208,7 +208,7 @@ def picture_message(
 
     Args:
         header: Plain values; the numbers of events and of bytes of light are added.
-        events: (n, 2) as of PixelNews.take.
+        events: (n, 2) as in PixelNews.take.
         light: A picture of the light; None: it has not changed.
 
     Returns:

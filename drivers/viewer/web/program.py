@@ -36,7 +36,7 @@ class PageRequest:
     port: int = 0
     """of the page, on 127.0.0.1; 0: any free one"""
     timeout_s: float | None = None
-    """it ends after so many seconds without a packet; None: it waits for ever"""
+    """seconds without a packet after which it ends; None: never"""
     server_key: str = ""
     """as of subscribe"""
     key: str = ""

@@ -152,7 +152,7 @@ class Gpu:
         )
 
     def copy(self, target: DeviceMemory, source: DeviceMemory, size: int) -> None:
-        """Copy so many bytes on it."""
+        """Copy `size` bytes on it."""
         self.checked(
             self._driver.cuMemcpyDtoDAsync(target.address, source.address, size, self._stream)
         )
@@ -244,7 +244,7 @@ class DeviceMemory:
 
 
 class DevicePart(NamedTuple):
-    """A part of the memory on a GPU that somebody else keeps."""
+    """A part of the memory on a GPU, owned by another array."""
 
     address: int
 

@@ -79,7 +79,7 @@ class CudaEvsNetModel(EvsNetModel):
         return CudaNetworkState(self._there, super().restore(saved))
 
     def take_over(self, state: Any, before: object) -> Any:
-        """EventModel.take_over, as of EvsNetModel."""
+        """EventModel.take_over, as in EvsNetModel."""
         there = _on_gpu(state)
         there.adjust(self._there, partial(super().take_over, before=before))
         return there

@@ -86,7 +86,7 @@ class CudaNetwork:
         return self._layout.argument(self._constants.address, **state.addresses, **scratch)
 
     def launch(self, kernel: Any, threads: int, *arguments: npt.NDArray[Any]) -> None:
-        """Launch so many threads of a kernel."""
+        """Launch a number of threads of a kernel."""
         self.gpu.launch(kernel, (-(-threads // THREADS), 1, 1), THREADS, *arguments)
 
     def step(
@@ -105,7 +105,7 @@ class CudaNetwork:
             current: (h, w) float32, filled where it is given: for tests.
 
         Returns:
-            The events, as of Runtime.step.
+            The events, as in Runtime.step.
         """
         gpu, now = self.gpu, state.numbers
         gpu.use()

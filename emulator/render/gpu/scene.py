@@ -66,7 +66,7 @@ class UploadedScene:
             seed: Of the tick's noise.
 
         Returns:
-            Where its pixels are to be traced, as of DeviceFrame.copy_tick.
+            Where its pixels are to be traced, as in DeviceFrame.copy_tick.
         """
         self._gpu.use()
         # what was staged before may be on its way

@@ -62,7 +62,7 @@ def load_library() -> GlLibrary:
 
 
 def one_line(reason: BaseException | str) -> str:
-    """What somebody else's error says, in at most 100 characters."""
+    """The message of a foreign error, in at most 100 characters."""
     # an ImportError of PyOpenGL says the same several times over
     words = reason.args[0] if isinstance(reason, ImportError) and reason.args else reason
     return (" ".join(str(words).split()) or type(reason).__name__)[:100]

@@ -130,7 +130,7 @@ class CudaPlainModel(PlainModel):
         return CudaPlainState(self._gpu, super().restore(saved))
 
     def take_over(self, state: Any, before: object) -> Any:
-        """EventModel.take_over: as of PlainModel."""
+        """EventModel.take_over: as in PlainModel."""
         changed = super().take_over(_checked(state).fetched(), before)
         state.there.push()
         state.numbers = changed
@@ -148,7 +148,7 @@ class CudaPlainModel(PlainModel):
             t_end_us: Where it ends, us.
 
         Returns:
-            The events in (t_begin_us, t_end_us], as of PlainModel.step, and the state.
+            The events in (t_begin_us, t_end_us], as in PlainModel.step, and the state.
 
         Raises:
             EvsError: Wrong shape, a tick that does not go forward, more events than memory.
