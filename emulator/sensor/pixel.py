@@ -313,6 +313,7 @@ class StateArray(NamedTuple):
 STATE = tuple(StateArray(*row) for row in _core.pixel_state())
 """The table of core/sensor/pixel.h, which explains each array."""
 
+_ARRAYS = tuple(array.name for array in STATE)
 _NUMBERS = ("clamped", "clock_us", "tick_us", "ticks", "all_due")
 
 
@@ -391,7 +392,7 @@ class PlainState(_Arrays):
     def arrays(self) -> dict[str, np.ndarray[Any, Any]]:
         """The arrays that are there, by name: the live ones."""
         fields = vars(self)
-        return {array.name: fields[array.name] for array in STATE if fields[array.name] is not None}
+        return {name: array for name in _ARRAYS if (array := fields[name]) is not None}
 
     def copy(self) -> PlainState:
         """A state of its own: stepping one does not touch the other."""

@@ -41,8 +41,9 @@ class BoundPixels {
     each_array(arrays, array_->settings(), array_->pattern(),
                [&](const char* name, auto*& array, size_t pixels, double, StateTerm term) {
                  if (!term.on) return;
-                 require(state.contains(name), "the state lacks a term that is on");
-                 read(state[name], pixels, array);
+                 const nb::handle value = PyDict_GetItemString(state.ptr(), name);
+                 require(value.is_valid(), "the state lacks a term that is on");
+                 read(value, pixels, array);
                });
     return arrays;
   }
