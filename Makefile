@@ -62,7 +62,7 @@ sanitize:
 
 # make versions  a quick part of the tests with each MuJoCo and NumPy of .ci/versions.sh
 versions:
-	@sh .ci/setup.sh
+	@sh .ci/setup.sh dev
 	@sh .ci/versions.sh
 
 # make wheel     dist/evs-*.whl for this machine's Python and glibc

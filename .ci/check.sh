@@ -43,9 +43,15 @@ types() {
 
 stage "set-up" sh .ci/setup.sh dev
 stage "format and lint" format
+# what later stages install, while the next ones compile
+(sh .ci/versions.sh install && sh .ci/learners.sh install) >build/environments.log 2>&1 &
+environments=$!
+trap 'kill "$environments" 2>/dev/null || true' EXIT
 stage "types" types
 stage "sanitisers" sh .ci/sanitize.sh
 stage "one lane" sh .ci/one_lane.sh
+# a failure is seen again, and told, in the stage that needs it
+wait "$environments" || true
 stage "versions of MuJoCo and NumPy" sh .ci/versions.sh
 stage "wheel" sh .ci/wheels.sh one
 stage "documentation" sh .ci/docs.sh

@@ -5,27 +5,29 @@
 #   sh .ci/learners.sh          as they stand on the page
 #   sh .ci/learners.sh short    with fewer steps of reinforcement learning: what CI runs
 #   sh .ci/learners.sh cleanrl  CleanRL's PPO alone
+#   sh .ci/learners.sh install  the environment alone
 #   sh .ci/learners.sh curve    train for 200,000 steps and draw docs/img/learning_curve.png
 set -eu
 cd "$(dirname "$0")/.."
 checkout=$PWD
 place=build/learners
-if [ ! -f $place/installed ] || [ ! -d $place/cleanrl ]; then
-    .venv/bin/python -m venv $place
+[ -x .venv/bin/uv ] || sh .ci/setup.sh dev
+if [ ! -f $place/env/installed ] || [ ! -d $place/cleanrl ]; then
+    .venv/bin/python -m venv --clear --without-pip $place/env
     # shellcheck disable=SC2046 # a list of requirements
-    $place/bin/python -m pip install -q --no-compile --disable-pip-version-check torch==2.15.0 tonic==1.7.0 snntorch==1.0.0 \
+    .venv/bin/uv pip install -q --python $place/env/bin/python torch==2.15.0 tonic==1.7.0 snntorch==1.0.0 \
         spikingjelly==2.0.0 stable-baselines3==2.9.2 torchrl==0.14.1 \
         $(.venv/bin/python .ci/requirements.py gym)
     # its file alone: what it asks for is older
-    $place/bin/python -m pip install -q --no-compile --disable-pip-version-check --no-deps --ignore-requires-python \
+    .venv/bin/python -m pip install -q --no-compile --disable-pip-version-check --no-deps --ignore-requires-python \
         --target $place/cleanrl cleanrl==1.2.0
-    touch $place/installed
+    touch $place/env/installed
 fi
 mkdir -p $place/run
 
 # in_environment FILE OPTION...
 in_environment() {
-    (cd $place/run && PYTHONPATH=$checkout/build/ns ../bin/python "$@")
+    (cd $place/run && PYTHONPATH=$checkout/build/ns ../env/bin/python "$@")
 }
 
 # cleanrl STEPS: its network is too small for two threads
@@ -35,6 +37,7 @@ cleanrl() {
 }
 
 case "${1:-}" in
+install) exit ;;
 curve) in_environment "$checkout/.ci/learning_curve.py" "$checkout/docs/img/learning_curve.png"; exit ;;
 cleanrl) cleanrl 20480; exit ;;
 esac

@@ -5,9 +5,5 @@
 #   sh .ci/wheels.sh native && sh .ci/matrix.sh --markdown lab/docs/measured/hosts.md
 set -eu
 cd "$(dirname "$0")/.."
-tools=build/matrix/tools
-if [ ! -x $tools/bin/uv ]; then
-    .venv/bin/python -m venv $tools
-    $tools/bin/python -m pip install -q --disable-pip-version-check uv
-fi
-exec .venv/bin/python tests/versions/matrix.py --uv $tools/bin/uv "$@"
+sh .ci/setup.sh dev
+exec .venv/bin/python tests/versions/matrix.py --uv "$(pwd)/.venv/bin/uv" "$@"

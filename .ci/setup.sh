@@ -34,11 +34,18 @@ if [ ! -f build/native/build.ninja ]; then
     headers=$(sh .ci/headers.sh $python)
 fi
 
+# pip install ARGUMENT..., for the Python of $into. It heeds the settings that a machine has for it;
+# uv, which the tools of `make check` bring, takes a quarter of the time and keeps what it fetched.
+# Python compiles what it imports by itself, most is never
+into=$python
 pip() {
-    $python -m pip "$@"
+    if [ -x .venv/bin/uv ]; then
+        .venv/bin/uv pip install --python "$into" -c .ci/constraints.txt "$@"
+    else
+        $python -m pip --python "$into" install --no-compile --disable-pip-version-check --no-input \
+            --progress-bar off -c .ci/constraints.txt "$@"
+    fi
 }
-# the arguments of every `pip install`; Python compiles what it imports by itself, most is never
-quiet="--no-compile --disable-pip-version-check --no-input --progress-bar off -c .ci/constraints.txt"
 
 # packages of these extras, only when pyproject.toml or the pins ask for something else than last time
 is_wanted() {
@@ -47,19 +54,16 @@ is_wanted() {
 }
 install() {
     $python .ci/requirements.py "$@" >".venv/requirements-$1.txt"
-    # shellcheck disable=SC2086 # a list of arguments
-    pip install $quiet -r ".venv/requirements-$1.txt"
+    pip -r ".venv/requirements-$1.txt"
     # of these only some files are read: what they require is not needed
-    # shellcheck disable=SC2086
-    [ "$1" != test ] || pip install $quiet --no-deps dm_control
+    [ "$1" != test ] || pip --no-deps dm_control
     mv ".venv/wanted-$1" ".venv/installed-$1"
 }
 # tonic reads AEDAT2 and AEDAT3.1 for the tests. It is under the GPL: a venv and a process of its own
 install_oracles() {
     [ ! -e .venv/oracles/tonic ] || ! .venv/oracles/bin/python -c 'import numpy' 2>/dev/null || return 0
     $python -m venv --without-pip .venv/oracles
-    # shellcheck disable=SC2086
-    pip --python .venv/oracles/bin/python install $quiet --no-deps numpy tonic
+    (into=.venv/oracles/bin/python && pip --no-deps numpy tonic)
     touch .venv/oracles/tonic
 }
 install_all() {
@@ -67,6 +71,9 @@ install_all() {
         if is_wanted build; then install build; fi
         return 0
     fi
+    case $level in
+    dev | docs) [ -x .venv/bin/uv ] || pip uv ;;
+    esac
     if is_wanted test build; then install test build; fi
     install_oracles
     case $level in
@@ -79,8 +86,7 @@ if ! .venv/bin/cmake --version >/dev/null 2>&1 || ! .venv/bin/ninja --version >/
     ! $python -c 'import nanobind' 2>/dev/null; then
     say "installing what builds the core"
     $python .ci/requirements.py --alone build >.venv/requirements-first.txt
-    # shellcheck disable=SC2086
-    pip install -q $quiet -r .venv/requirements-first.txt
+    pip -q -r .venv/requirements-first.txt
 fi
 log=$checkout/build/packages.log
 (set -e && install_all) >"$log" 2>&1 &

@@ -3,7 +3,8 @@
 # tests that do not depend on the extras, and an environment of the row's library seen by evs.EventCamera.
 # One line a row; rows run side by side. Run by `make check`.
 #
-#   sh .ci/versions.sh [ROW...]      some rows only
+#   sh .ci/versions.sh [ROW...]         some rows only
+#   sh .ci/versions.sh install [ROW...] the environments alone
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -46,14 +47,13 @@ run() {
     if ! cmp -s "$home/wanted" "$home/installed"; then
         rm -rf "$home/env"
         .venv/bin/python -m venv --without-pip "$home/env"
-        pip="$home/env/bin/python install -q --disable-pip-version-check --no-input"
+        pip="$(pwd)/.venv/bin/uv pip install -q --python $home/env/bin/python"
+        $pip -c "$home/constraints.txt" -r "$home/requirements.txt"
         # shellcheck disable=SC2086
-        .venv/bin/python -m pip --python $pip -c "$home/constraints.txt" -r "$home/requirements.txt"
-        # shellcheck disable=SC2086
-        [ -z "$bare" ] ||
-            .venv/bin/python -m pip --python $pip --no-deps -c "$home/constraints.txt" $bare
+        [ -z "$bare" ] || $pip --no-deps -c "$home/constraints.txt" $bare
         cp "$home/wanted" "$home/installed"
     fi
+    [ -z "$install" ] || return 0
     python=$home/env/bin/python
     $python .ci/link.py
 
@@ -73,11 +73,13 @@ run() {
     fi
 }
 
+install=
+if [ "${1:-}" = install ]; then install=install && shift; fi
 # all rows: this script once for each, as many at a time as there are processors, four at most
 if [ $# -eq 0 ]; then
     at_once=$(getconf _NPROCESSORS_ONLN)
     [ "$at_once" -le 4 ] || at_once=4
-    echo "$ROWS" | sed -n 's/|.*//p' | xargs -P "$at_once" -I '{}' sh .ci/versions.sh '{}'
+    echo "$ROWS" | sed -n 's/|.*//p' | xargs -P "$at_once" -I '{}' sh .ci/versions.sh $install '{}'
     exit
 fi
 failed=0

@@ -32,13 +32,11 @@ need() {
         </dev/null >"$home/apt.log" 2>&1 || { cat "$home/apt.log" >&2 && missing "no $1: $2 cannot be installed"; }
 }
 
-quiet='-q --no-compile --disable-pip-version-check --no-input'
 # pip FOLDER WHAT...: into an environment
 pip() {
     into=$1
     shift
-    # shellcheck disable=SC2086 # a list of arguments
-    "$into/bin/python" -m pip install $quiet -c .ci/constraints.txt "$@"
+    .venv/bin/uv pip install -q --python "$into/bin/python" -c .ci/constraints.txt "$@"
 }
 
 # the Python of this version: .venv's, one on the path, or one of pyenv's; nothing where there is none
@@ -115,7 +113,7 @@ copy_tests() {
 # run_golden WHEEL PYTHON: in an empty environment, in a folder that has nothing else
 run_golden() {
     trial=$(mktemp -d)
-    "$2" -m venv "$trial/env"
+    "$2" -m venv --without-pip "$trial/env"
     pip "$trial/env" "$checkout/$1" pytest
     copy_tests "$trial/run"
     failed=0
@@ -215,7 +213,7 @@ run_emulated() {
     wheel=$1
     shift 2
     # shellcheck disable=SC2086 # a list of arguments
-    "$home/tools/bin/python" -m pip install $quiet -c .ci/constraints.txt --target "$trial/site" "$@" "$checkout/$wheel" pytest
+    "$home/tools/bin/python" -m pip install -q --no-compile --disable-pip-version-check --no-input -c .ci/constraints.txt --target "$trial/site" "$@" "$checkout/$wheel" pytest
     copy_tests "$trial/run"
     failed=0
     (cd "$trial/run" && EVS_INSTALLED_IN="$trial/site" PYTHONPATH="$trial/site" MUJOCO_GL=disable \
@@ -243,7 +241,7 @@ macos() {
 }
 
 [ $# -gt 0 ] || set -- native aarch64 macos
-sh .ci/setup.sh
+sh .ci/setup.sh dev
 .venv/bin/python .ci/requirements.py --alone wheels >"$home/tools.txt"
 if ! cat "$home/tools.txt" .ci/constraints.txt | cmp -s - "$home/tools/made-of"; then
     rm -rf "$home/tools"
