@@ -75,23 +75,23 @@ class SinkConfig:
         """Whether the table has this key, with another value than its default."""
         return bool(getattr(self, key) != getattr(type(self), key))
 
-    def check(self, place: str, in_worker: bool = True) -> None:
+    def check(self, table: str, in_worker: bool = True) -> None:
         """Refuse a table that lacks what it needs.
 
         Args:
-            place: Where it stands, for messages: `sink.0`.
+            table: Name of the table for messages, such as `sink.0`.
             in_worker: Whether it has a process of its own.
 
         Raises:
             EvsError: With the key.
         """
         if self.needs and not getattr(self, self.needs):
-            raise EvsError(f"at {place}.{self.needs}: missing; a {self.type} sink needs it")
+            raise EvsError(f"at {table}.{self.needs}: missing; a {self.type} sink needs it")
         for key in ("worker_mb", "worker_cores"):
             if self.gives(key) and not in_worker:
-                raise EvsError(f"at {place}.{key}: needs worker = true")
+                raise EvsError(f"at {table}.{key}: needs worker = true")
 
-    def readout(self, place: str) -> dict[str, tuple[str, Any]]:  # noqa: ARG002
+    def readout(self, table: str) -> dict[str, tuple[str, Any]]:  # noqa: ARG002
         """Key of [sensor.readout] -> (key here, the value that it gives). EvsError as `check`."""
         return {}
 
@@ -298,13 +298,13 @@ class Ros2Sink(_Served, _RosNames):
     target = "evs.drivers.ros2:Ros2Publisher"
     of_the_sensor = ("roi", "erc_mode", "erc_rate")
 
-    def readout(self, place: str) -> dict[str, tuple[str, Any]]:
+    def readout(self, table: str) -> dict[str, tuple[str, Any]]:
         """See `SinkConfig`."""
         if self.erc_mode not in ERC_MODES:
-            raise EvsError(f"at {place}.erc_mode: {unknown('mode', self.erc_mode, ERC_MODES)}")
+            raise EvsError(f"at {table}.erc_mode: {unknown('mode', self.erc_mode, ERC_MODES)}")
         if self.erc_rate < 1:
             raise EvsError(
-                f"at {place}.erc_rate: {self.erc_rate} events/s; give 1 or more, or "
+                f"at {table}.erc_rate: {self.erc_rate} events/s; give 1 or more, or "
                 "erc_mode=disabled"
             )
         found: dict[str, tuple[str, Any]] = {"roi": ("roi", self.roi)} if self.roi else {}
@@ -328,13 +328,13 @@ class FileSink(_Writing):
 
     needs = writes = "file"
 
-    def check(self, place: str, in_worker: bool = True) -> None:
+    def check(self, table: str, in_worker: bool = True) -> None:
         """See `SinkConfig`; the file has an extension of its format."""
-        super().check(place, in_worker)
+        super().check(table, in_worker)
         kind = formats.by_name(self.type)
         known = kind.suffixes + kind.shared_suffixes
         if Path(self.file).suffix.lower() not in known:
-            raise EvsError(f"at {place}.file: '{self.file}' does not end in {' or '.join(known)}")
+            raise EvsError(f"at {table}.file: '{self.file}' does not end in {' or '.join(known)}")
 
     def make(self) -> Sink:
         """See `SinkConfig`."""

@@ -35,7 +35,7 @@ class Picture(NamedTuple):
     """its own time stamp, s; None: the film has none"""
     pixels: npt.NDArray[Any]
     """(h, w) or (h, w, 3) RGB; uint8, uint16, float16 or float32; perhaps read-only"""
-    place: str
+    label: str
     """file and number, for messages"""
 
 

@@ -94,7 +94,7 @@ class FrameFolder:
                 picture = next(decoder.pictures(), None)
             if picture is None:
                 raise EvsError(f"'{file}' holds no picture")
-            yield picture._replace(t_s=None, place=str(file))
+            yield picture._replace(t_s=None, label=str(file))
 
     def close(self) -> None:
         """Nothing is open between two pictures."""

@@ -94,13 +94,13 @@ class FilmLight:
         elif self._times is not None:
             if number >= len(self._times):
                 raise EvsError(
-                    f"{picture.place}: '{config.times}' has times of {len(self._times)} frames only"
+                    f"{picture.label}: '{config.times}' has times of {len(self._times)} frames only"
                 )
             seconds = Fraction(self._times[number])
         elif picture.t_s is not None:
             seconds = picture.t_s
         else:
-            raise EvsError(f"{picture.place} has no time stamp: give --fps")
+            raise EvsError(f"{picture.label} has no time stamp: give --fps")
         if number == 0:
             self._begin_s = seconds
         micros = (seconds - self._begin_s) * 1_000_000 / Fraction(config.slowdown)
@@ -121,7 +121,7 @@ class FilmLight:
         if shape != self._frame_shape or self._convert is None:
             before = self._frame_shape
             raise EvsError(
-                f"{picture.place} is {shape[1]} x {shape[0]} px, the frames before are "
+                f"{picture.label} is {shape[1]} x {shape[0]} px, the frames before are "
                 f"{before[1]} x {before[0]}: make all of one size"
             )
         x, y, width, height = self._box

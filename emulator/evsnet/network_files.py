@@ -159,11 +159,11 @@ class _Assembly:
             shown = message if str(self.path) in message else f"{self.path}: {message}"
             raise EvsError(shown) from None
 
-    def _convolution(self, place: int, name: str, outputs: int, inputs: int) -> Convolution:
+    def _convolution(self, index: int, name: str, outputs: int, inputs: int) -> Convolution:
         weight = self._tensor(f"{name}.weight", (outputs, inputs, KERNEL_SIZE, 1))[..., 0].copy()
         key = f"{name}.bias"
         bias = self._tensor(key, (outputs,)) if key in self.tensors else None
-        return Convolution(weight, bias, self.look_ahead[place])
+        return Convolution(weight, bias, self.look_ahead[index])
 
     def _tensor(self, name: str, shape: tuple[int | None, ...]) -> F32:
         """The initialiser of that name, of that shape; None stands for any size."""

@@ -116,14 +116,14 @@ class _Part:
 class PartCache:
     """What was made of large arrays, mesh by mesh and texture by texture: kept while they stay."""
 
-    def __init__(self, like: PartCache | None = None) -> None:
+    def __init__(self, share_with: PartCache | None = None) -> None:
         """Nothing is kept yet.
 
         Args:
-            like: That of a copy of the model, whose parts are taken where the arrays are the same.
+            share_with: The cache of a copy of the model; parts with the same arrays are shared.
         """
         self._parts: dict[Hashable, _Part] = {}
-        self._like = dict(like._parts) if like else {}
+        self._shared = dict(share_with._parts) if share_with else {}
 
     def get(
         self,
@@ -138,15 +138,15 @@ class PartCache:
         """
         part = self._parts.get(key)
         if part is None or part.numbers != numbers:
-            digest, like = _core.digest(list(arrays)), self._like.pop(key, None)
-            same = like is not None and (like.numbers, like.digest) == (numbers, digest)
-            made = like.made if like is not None and same else make()
+            digest, shared = _core.digest(list(arrays)), self._shared.pop(key, None)
+            same = shared is not None and (shared.numbers, shared.digest) == (numbers, digest)
+            made = shared.made if shared is not None and same else make()
             self._parts[key] = part = _Part(numbers, arrays, digest, made)
         return cast(Made, part.made)
 
     def detach(self) -> None:
         """Take nothing of another model any more."""
-        self._like.clear()
+        self._shared.clear()
 
     def forget_changed(self) -> bool:
         """A close look: forget what was made of arrays that changed. Whether any was."""

@@ -79,13 +79,13 @@ def _of_option(option: mujoco.MjvOption) -> VisualConfig:
     return VisualConfig(**groups, **flags)  # type: ignore[arg-type]
 
 
-def new_option(like: mujoco.MjvOption | None = None) -> mujoco.MjvOption:
+def new_option(template: mujoco.MjvOption | None = None) -> mujoco.MjvOption:
     """An mjvOption of one's own.
 
     Args:
-        like: Whose groups and flags it has; None: those that MuJoCo begins with.
+        template: The options to copy; None: those that MuJoCo begins with.
     """
-    return mujoco.MjvOption() if like is None else copy.copy(like)
+    return mujoco.MjvOption() if template is None else copy.copy(template)
 
 
 def option_of(visual: VisualConfig) -> mujoco.MjvOption:

@@ -33,8 +33,8 @@ def moment(scene: RecordedSequence, share: float = 0.6) -> dict[str, npt.NDArray
         scene: the recorded scene.
         share: of the scene's time; never the first frame, which has no events before it.
     """
-    place = min(max(1, round(share * scene.frame_count)), scene.frame_count - 1)
-    frame = dict(scene.frame(place))
+    index = min(max(1, round(share * scene.frame_count)), scene.frame_count - 1)
+    frame = dict(scene.frame(index))
     end_us = int(frame["t_us"])
     events = scene.events(end_us - WINDOW_US, end_us)
     height, width = frame["depth"].shape

@@ -118,18 +118,18 @@ class RecordedSequence:
         """Number of frames."""
         return sum(count for _, count in self._frames)
 
-    def frame(self, place: int) -> Arrays:
+    def frame(self, index: int) -> Arrays:
         """The channels of a frame, by its number.
 
         Raises:
             EvsError: there is no such frame.
         """
-        left = place
+        left = index
         for path, count in self._frames:
             if 0 <= left < count:
                 return {name: stack[left] for name, stack in _arrays(path).items()}
             left -= count
-        raise EvsError(f"{self.folder}: no frame {place}; there are {self.frame_count}")
+        raise EvsError(f"{self.folder}: no frame {index}; there are {self.frame_count}")
 
     def frames(self) -> Iterator[Arrays]:
         """The channels of all frames, one frame after the other."""

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from evs.drivers.files.aedat2.layout import place
+from evs.drivers.files.aedat2.layout import pixel_of
 from evs.drivers.files.chips import Bits
 from evs.msgs import DEGREE, STANDARD_GRAVITY, Frame, ImuSamples, empty_imu
 
@@ -86,7 +86,7 @@ class FrameAssembler:
 
     def feed(self, address: Bits, t_us: Bits) -> Iterator[Frame]:
         """The frames that the next words, (n,), complete."""
-        x, y = place(address)
+        x, y = pixel_of(address)
         kind = address >> 10 & 3
         right = (x < self.width) & (y < self.height) & (kind <= _SIGNAL)
         self.lost += len(right) - int(np.count_nonzero(right))

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from evs.drivers.files.aedat2.layout import APS, CHIP, place
+from evs.drivers.files.aedat2.layout import APS, CHIP, pixel_of
 from evs.drivers.files.chips import CHIP_NAMES, Bits, Chip, chip_named
 from evs.msgs import EvsError
 
@@ -44,7 +44,7 @@ class Extent:
             high = (address & APS) != 0
             every_bit |= int(np.bitwise_or.reduce(address[~high], initial=0))
             # an IMU's words have values where others have x and y
-            x, y = place(address[~high | (address & 0xC00 != 0xC00)])
+            x, y = pixel_of(address[~high | (address & 0xC00 != 0xC00)])
             x_most = max(x_most, int(x.max(initial=0)))
             y_most = max(y_most, int(y.max(initial=0)))
         return cls(every_bit, x_most, y_most)

@@ -29,7 +29,7 @@ WORD_1 = np.dtype([("address", ">u2"), ("stamp", ">i4")])
 APS = 0x80000000
 
 
-def place(address: Bits) -> tuple[Bits, Bits]:
+def pixel_of(address: Bits) -> tuple[Bits, Bits]:
     """x and y in a DAVIS's addresses, in their own coordinates."""
     return address >> 12 & 0x3FF, address >> 22 & 0x1FF
 
