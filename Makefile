@@ -1,6 +1,6 @@
 # The commands of this project. Any make will do; `make` alone lists them.
 .POSIX:
-.PHONY: help demo test check lab campaign bench docs dev stubs format sanitize versions wheel wheels clean
+.PHONY: help demo test check lab campaign bench docs dev format sanitize versions wheel wheels clean
 
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
@@ -49,11 +49,6 @@ format:
 	@sh .ci/setup.sh dev
 	.venv/bin/ruff format .
 	.venv/bin/clang-format -i $$(find emulator/core tests/emulator/core -name '*.cpp' -o -name '*.h' -o -name '*.inl')
-
-# make stubs     write emulator/_core.pyi from the native core
-stubs:
-	@sh .ci/setup.sh
-	.venv/bin/python -m nanobind.stubgen -q -m evs.emulator._core -o emulator/_core.pyi
 
 # make sanitize  build and run the native core's own tests under ASan and UBSan
 sanitize:

@@ -30,7 +30,8 @@ def expected() -> set[str]:
     compiler = Path("emulator/base/gpu/compiler.py").read_text()
     rooms = ast.literal_eval(re.search(r"^ROOMS = (\(.*?\))$", compiler, re.M)[1])
     on_gpu = tuple(f"{NATIVE}{room}/" for room in rooms)
-    top = ("__init__.py", "__init__.pyi", "__main__.py", "py.typed", "emulator/_core.so")
+    top = ("__init__.py", "__init__.pyi", "__main__.py", "py.typed")
+    top += ("emulator/_core.so", "emulator/_core.pyi")
     return {f"evs/{name}" for name in top} | {
         f"evs/{name}"
         for name in files
