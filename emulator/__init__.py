@@ -12,57 +12,7 @@
 base/ and config/ are what all of them share; core/ is the C++ below.
 """
 
-from __future__ import annotations
+import lazy_loader
 
-from typing import TYPE_CHECKING, Any
-
-from evs.msgs.registry import load
-
-if TYPE_CHECKING:
-    from evs.emulator.camera.camera import Camera
-    from evs.emulator.camera.view import View
-    from evs.emulator.simulation.closed_loop import ClosedLoop
-    from evs.emulator.simulation.event_camera import EventCamera
-    from evs.emulator.simulation.pixels import Pixels
-    from evs.emulator.simulation.world import World
-    from evs.emulator.simulation.worlds import Worlds
-    from evs.emulator.world import LeftOutWarning, UnstableError, UnstableWarning
-    from evs.msgs import Observation
-
-_HOMES = {
-    "Camera": "evs.emulator.camera.camera:Camera",
-    "ClosedLoop": "evs.emulator.simulation.closed_loop:ClosedLoop",
-    "EventCamera": "evs.emulator.simulation.event_camera:EventCamera",
-    "LeftOutWarning": "evs.emulator.world:LeftOutWarning",
-    "Observation": "evs.msgs:Observation",
-    "Pixels": "evs.emulator.simulation.pixels:Pixels",
-    "UnstableError": "evs.emulator.world:UnstableError",
-    "UnstableWarning": "evs.emulator.world:UnstableWarning",
-    "View": "evs.emulator.camera.view:View",
-    "World": "evs.emulator.simulation.world:World",
-    "Worlds": "evs.emulator.simulation.worlds:Worlds",
-}
-
-__all__ = [
-    "Camera",
-    "ClosedLoop",
-    "EventCamera",
-    "LeftOutWarning",
-    "Observation",
-    "Pixels",
-    "UnstableError",
-    "UnstableWarning",
-    "View",
-    "World",
-    "Worlds",
-]
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'evs.emulator' has no attribute {name!r}")
-    return load(_HOMES[name])
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+# the names are those of __init__.pyi
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from evs.drivers.gym.library import gymnasium
 from evs.drivers.gym.task import Task, TaskSpec, random_unchanged_on_error
 from evs.drivers.pictures import upscale
-from evs.emulator import ClosedLoop, Observation, View
+from evs.emulator import ClosedLoop, View
 from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.config import CameraConfig, SensorConfig
 from evs.emulator.config.keywords import fields_as_keywords
@@ -21,7 +21,7 @@ from evs.emulator.sensor.randomisation import DrawnSensor
 from evs.emulator.simulation.scene_ranges import DrawnScene, begin
 from evs.emulator.simulation.worlds import WorldsEvents
 from evs.emulator.world import NamedSensors, Scene
-from evs.msgs import Events, EvsError, empty_events, join_events
+from evs.msgs import Events, EvsError, Observation, empty_events, join_events
 from evs.msgs.pictures import U8, event_frame, exposure_for, to_srgb8
 
 if TYPE_CHECKING:

@@ -19,8 +19,11 @@ DOORS = {
     # a plugin for MuJoCo's own viewer
     "mujoco": ("emulator/world/", "examples/studio/"),
     "msgpack": ("msgs/packet.py",),
-    # the names of evs, where the core is built
-    "lazy_loader": ("emulator/core/",),
+    # packages whose names stand in a stub
+    "lazy_loader": (
+        *("emulator/core/", "emulator/__init__.py", "emulator/render/__init__.py"),
+        *("msgs/__init__.py", "tools/testing/__init__.py"),
+    ),
     "msgspec": ("emulator/config/settings.py",),
     "zmq": ("drivers/bus/",),
     "h5py": ("drivers/files/hdf5/",),

@@ -56,6 +56,11 @@ def test_tests_mirror_the_package_under_unique_names(files: list[str]) -> None:
     assert sorted(set(names)) == sorted(names)
 
 
+LAZY = ast.dump(
+    ast.parse("__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)").body[0]
+)
+
+
 def other_than_reexports(tree: ast.Module) -> list[str]:
     """What an __init__.py does besides a docstring, imports, tables and a lazy __getattr__."""
     found = []
@@ -65,6 +70,7 @@ def other_than_reexports(tree: ast.Module) -> list[str]:
             isinstance(part, ast.Call) for part in ast.walk(node)
         )
         lazy = isinstance(node, ast.FunctionDef) and node.name in ("__getattr__", "__dir__")
+        lazy |= ast.dump(node) == LAZY
         typing = isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
         imports = isinstance(node, ast.Import | ast.ImportFrom)
         if not (docstring or table or lazy or typing or imports):

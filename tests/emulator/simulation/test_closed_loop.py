@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import evs
-from evs.emulator import ClosedLoop, Observation, World
+from evs.emulator import ClosedLoop, World
 from evs.emulator.config import ApsConfig, ImuConfig, ModelConfig, SensorConfig
-from evs.msgs import EvsError
+from evs.msgs import EvsError, Observation
 from reference.closed_cart import CART, SMALL, drive, make, wave
 
 

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.emulator import ClosedLoop, Observation, World
+from evs.emulator import ClosedLoop, World
 from evs.emulator.config import (
     ApsConfig,
     FlickerConfig,
@@ -24,6 +24,7 @@ from evs.emulator.config import (
     SensorConfig,
 )
 from evs.emulator.config.schema import DelayConfig
+from evs.msgs import Observation
 
 pytestmark = pytest.mark.property
 

@@ -136,13 +136,3 @@ def test_importing_evs_for_it_stays_light() -> None:
         "assert not {'numpy', 'mujoco', 'zmq', 'pytest', 'evs.drivers'} & set(sys.modules)\n"
     )
     subprocess.run([sys.executable, "-c", light], env=environment(), check=True)
-
-
-def test_the_names_of_the_room_come_at_first_use() -> None:
-    import evs.tools.testing as room
-
-    assert set(room.__all__) <= set(dir(room))
-    for name in room.__all__:
-        assert getattr(room, name) is not None
-    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
-        getattr(room, "nonsense")  # noqa: B009

@@ -1,0 +1,5 @@
+"""The names of evs.emulator.render, each imported at its first use."""
+
+from .flicker import flicker_warnings as flicker_warnings
+from .native import NativeRenderer as NativeRenderer
+from .selection import make_renderer as make_renderer
