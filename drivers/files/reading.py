@@ -208,7 +208,7 @@ def read(path: AnyPath, **options: Unpack[ReadOptions]) -> Recording:
     Args:
         path: The recording, or the first file of one in several files (multi_file.py).
         **options: Facts that the file does not state: `columns` of a table ("t,x,y,p"), `unit` of
-        its
+            its
             times ("s", "ms", "us", "ns"), the `chip` of AEDAT2. `stream` selects one of several
             event streams; `single=True` reads only this file of several.
 

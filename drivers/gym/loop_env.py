@@ -68,7 +68,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
                 time (extra web)
             render_camera: the camera of `render`; "" is the model's first, or a free one
             **fields: fields of TaskSpec; info["sensor"] and info["scene"] have the values of
-            `randomise`
+                `randomise`
 
         Raises:
             EvsError: an argument is invalid

@@ -245,8 +245,7 @@ class Camera(SceneView):
 
         Args:
             **keys: Keys in `adjustable`: keys of [sensor], as in `pos_thres=0.3`, and the chip's
-            biases,
-                as in `**{"biases.bias_diff_on": 20}`.
+                biases, as in `**{"biases.bias_diff_on": 20}`.
 
         Raises:
             EvsError: Another key, a value out of range, or a value that switches a term on or off.

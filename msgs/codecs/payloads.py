@@ -45,8 +45,9 @@ class PayloadWriter:
     def payload(self, events: Events, time_base_us: int | None = None) -> Payload:
         """Encode the next packet.
 
-        Consecutive payloads may be joined under the first one's time base: those of mono and
-        libcaer_cmp if it is time_base_us of those that follow, those of libcaer up to 2147 s.
+        Consecutive payloads may be joined under the time base of the first one. For mono and
+        libcaer_cmp, pass that time base as `time_base_us` of the following payloads. Payloads of
+        libcaer can span up to 2147 s.
 
         Args:
             events: (n,) EVENT_DTYPE, sorted by t, none before the last packet's.
