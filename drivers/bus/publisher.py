@@ -213,7 +213,7 @@ class Publisher(Sink):
         self._ports.publish_state()
 
     def write_frame(self, frame: Frame) -> None:
-        """Send one intensity frame to the subscribers of frames. Raises EvsError as write.
+        """Send one intensity frame to the subscribers of frames. Raises EvsError like `write`.
 
         A frame that is too large for the bus is omitted; each subscriber counts it as lost.
         """
@@ -224,7 +224,7 @@ class Publisher(Sink):
             self._auxiliary_sent["frames_sent"] += 1
 
     def write_imu(self, packet: ImuPacket) -> None:
-        """Send one tick's IMU samples to their subscribers. Raises EvsError as write."""
+        """Send one tick's IMU samples to their subscribers. Raises EvsError like `write`."""
         server, channel = self._channel(packet.camera)
         channel.last[IMU.name], channel.imu = packet.seq, packet
         if channel.listeners[IMU] and packet.samples.nbytes <= MAX_FRAME_BYTES:
@@ -240,7 +240,7 @@ class Publisher(Sink):
         return channel.listeners[POSE] > 0 or self._ports.watched
 
     def write_pose(self, pose: Pose) -> None:
-        """Send one pose to the subscribers of poses. Raises EvsError as write."""
+        """Send one pose to the subscribers of poses. Raises EvsError like `write`."""
         server, channel = self._channel(pose.camera)
         channel.last[POSE.name], channel.pose = pose.seq, pose
         if channel.listeners[POSE]:
@@ -258,7 +258,7 @@ class Publisher(Sink):
         return channel.listeners[TRUTH] > 0 and t_us // self._truth_us > begin_us // self._truth_us
 
     def write_truth(self, camera: str, truth: GroundTruth) -> None:
-        """Send ground truth to its subscribers. Raises EvsError as write."""
+        """Send ground truth to its subscribers. Raises EvsError like `write`."""
         server, channel = self._channel(camera)
         seq = channel.last.get(TRUTH.name, -1) + 1
         channel.last[TRUTH.name] = seq
@@ -273,7 +273,7 @@ class Publisher(Sink):
         return channel.listeners[LIGHT] > 0 and monotonic_s() >= channel.light_due_s
 
     def write_light(self, camera: str, t_us: int, luminance: F32) -> None:
-        """Send the light as a picture to its subscribers. Raises EvsError as write.
+        """Send the light as a picture to its subscribers. Raises EvsError like `write`.
 
         All pictures of a camera have the exposure of the brightest picture so far.
         """

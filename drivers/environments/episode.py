@@ -26,7 +26,8 @@ Spec = TypeVar("Spec", bound="EpisodeSpec")
 class EpisodeSpec:
     """A scene, the cameras in it, where its episodes begin and how they differ.
 
-    A data set or an environment takes these fields as keywords, or a value in place of the scene:
+    Data sets and environments take these fields as keywords, or an EpisodeSpec in place of the
+    scene:
 
         spec = EpisodeSpec("robot.xml", "wrist", randomise={"pos_thres": "uniform(0.15, 0.4)"})
         dataset = evs.SimulatedDataset(spec, samples=10_000)

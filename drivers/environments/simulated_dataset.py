@@ -398,7 +398,7 @@ class EpochSampler:
             order.set_epoch(epoch)
             for batch in loader: ...
 
-    To resume, `set_epoch(epoch, done)`: the rest of that epoch, where `done` samples were taken.
+    `set_epoch(epoch, done)` resumes that epoch after `done` samples.
     """
 
     def __init__(self, samples: int, *, rank: int = 0, num_replicas: int = 1) -> None:

@@ -117,7 +117,7 @@ class LoopVectorEnv(vector.VectorEnv[Any, Any, Any]):
 
         Args:
             seed: Environment i has seed + i; or a seed for each; None: continue the random numbers.
-            options: {"keyframe": name} as in LoopEnv; {"reset_mask": (n,) bool} of which
+            options: {"keyframe": name} as in LoopEnv; {"reset_mask": (n,) bool} selects the
                 environments.
 
         Returns:

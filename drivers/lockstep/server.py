@@ -161,7 +161,7 @@ class LockstepServer:
             self.poll()
 
     def poll(self) -> bool:
-        """Handle one request, or none if none comes for a moment; return whether one came."""
+        """Wait briefly for a request and handle it; return whether one came."""
         if self._end is None:
             raise EvsError("this server is not open: call open() first")
         came = self._end.receive()

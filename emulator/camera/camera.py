@@ -394,7 +394,7 @@ class Camera(SceneView):
         return {"of": self.config.scene.camera, **tables, **self._pixels.versions}
 
     def prepare_refresh(self, scene: SceneModel) -> Commit:
-        """Build what sees the edited world; the commit puts it in place.
+        """Prepare the renderer for the edited world; the commit installs it.
 
         The pixels keep their state, so they see the change as they would see any other.
 

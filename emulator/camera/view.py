@@ -172,7 +172,7 @@ class View(SceneView):
         self._present = present
 
     def prepare_refresh(self, scene: SceneModel) -> Commit:
-        """Builds what sees the edited world; the commit puts it in place. Raises EvsError."""
+        """Prepare the renderer for the edited world; the commit installs it. Raises EvsError."""
         before = self._viewpoint
         viewpoint = self._viewpoint_in(scene, before)
 
@@ -184,7 +184,7 @@ class View(SceneView):
         return commit
 
     def reset(self, seed: int | None = None) -> None:
-        """Forget the instants seen: the world has begun again, perhaps with another seed."""
+        """Forget past instants, because the world was reset, perhaps with another seed."""
         if seed is not None:
             self.config = replace(self.config, seed=seed)
             self._viewpoint.renderer.reseed(seed)

@@ -266,7 +266,7 @@ class ClosedLoop(Resumable):
         return self._seen()
 
     def prepare_restore(self, saved: Saved) -> Commit:
-        """Check a saved state; the commit puts it in place. Raises EvsError."""
+        """Check a saved state; the commit restores it. Raises EvsError."""
         done, wants_state = word(saved, "done"), bool(number(saved, "wants_state", 0, 1))
         world = part(saved, "world")
         channels = self._like().read(part(saved, "channels"), whole(world, "seed"))

@@ -242,7 +242,7 @@ class EventCamera(Resumable):
         super().restore(blob)
 
     def prepare_restore(self, saved: Saved) -> Commit:
-        """Check a saved state; the commit puts it in place. Raises EvsError."""
+        """Check a saved state; the commit restores it. Raises EvsError."""
         t_us = saved["t_us"].tolist()
         if len(t_us) > 1:
             raise EvsError("saved state is damaged: its time is invalid; save it again")

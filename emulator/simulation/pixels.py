@@ -272,7 +272,7 @@ class Pixels(Resumable):
         self._seq = 0
 
     def prepare_restore(self, saved: Saved) -> Commit:
-        """Check a saved state; the commit puts it in place. Raises EvsError."""
+        """Check a saved state; the commit restores it. Raises EvsError."""
         seed, seq = whole(saved, "seed"), number(saved, "seq", 0)
         finished = bool(number(saved, "finished", 0, 1))
         t_us = saved["t_us"].tolist()

@@ -418,7 +418,7 @@ class World(Resumable):
         }
 
     def prepare_restore(self, saved: Saved) -> Commit:
-        """Check a saved state; the commit puts it in place. Raises EvsError."""
+        """Check a saved state; the commit restores it. Raises EvsError."""
         physics = self.physics.prepare_restore(part(saved, "physics"))
         seed, control_seed = whole(saved, "seed"), whole(saved, "control_seed")
         given = saved["given"]

@@ -55,7 +55,7 @@ def encode_dat(events: Events, *, after_us: int = 0) -> bytes:
 
 @dataclass(frozen=True)
 class DatState:
-    """What a decoder knows between two pieces of a stream."""
+    """The state of a decoder between two pieces of a stream."""
 
     last_us: int = 0
     """the last stamp, wraps counted"""

@@ -91,7 +91,7 @@ def _high_words(high: npt.NDArray[np.int64]) -> Words:
 
 @dataclass(frozen=True)
 class Evt2State:
-    """What a decoder knows between two pieces of a stream."""
+    """The state of a decoder between two pieces of a stream."""
 
     high: int = -1
     """upper bits of the time, wraps counted; -1: not known yet"""
@@ -248,7 +248,7 @@ def _high_vector_words(high: npt.NDArray[np.int64]) -> VectorWords:
 
 @dataclass(frozen=True)
 class Evt21State(Evt2State):
-    """What a decoder knows between two pieces of a stream: as EVT2's."""
+    """The state of a decoder between two pieces of a stream, like that of EVT2."""
 
 
 def decode_evt21(
@@ -259,7 +259,7 @@ def decode_evt21(
     upper_first: bool = False,
     triggers: list[Triggers] | None = None,
 ) -> tuple[Events, Evt21State]:
-    """Decode a piece of an EVT2.1 stream. Events of a vector beyond x = 2047 are left out.
+    """Decode a piece of an EVT2.1 stream. Events of a vector beyond x = 2047 are skipped.
 
     Args:
         data: Any contiguous buffer of whole words; up to 7 last bytes are ignored.

@@ -48,9 +48,9 @@ def encode_evt3(
     Args:
         events: (n,) EVENT_DTYPE, sorted by t.
         time_origin_us: Time stamp of the stream's time zero, us.
-        after_us: Time of the stream's last packet, us, so that wraps of the counter since then are
-            encoded; -time_origin_us for the first packet of a file, which then encodes the time
-            from zero; None: the decoder counts from here.
+        after_us: Time of the stream's last packet, us, for encoding wraps of the counter since
+            then; -time_origin_us for the first packet of a file, which then encodes the time from
+            zero; None: the decoder starts counting here.
 
     Returns:
         The bytes; empty for no events.
@@ -89,7 +89,7 @@ def _high_words(high: npt.NDArray[np.int64]) -> Words:
 
 @dataclass(frozen=True)
 class Evt3State:
-    """What a decoder knows between two pieces of a stream."""
+    """The state of a decoder between two pieces of a stream."""
 
     high: int = -1
     """upper bits of the time, wraps counted; -1: not known yet"""
