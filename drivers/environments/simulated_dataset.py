@@ -208,7 +208,7 @@ class SimulatedDataset:
         return int(np.random.Philox(key=key, counter=counter).random_raw()) >> 1
 
     def __getitem__(self, index: int | Place) -> Sample:
-        """Simulate one sample; as of __getitems__."""
+        """Simulate one sample; see `__getitems__`."""
         return self.__getitems__([index])[0]
 
     def __getitems__(self, indices: Iterable[int | Place]) -> list[Sample]:

@@ -179,7 +179,7 @@ def chip_named(text: str) -> Chip | None:
     """The chip of a name in a header or on a command line; None: it is not known.
 
     Args:
-        text: A chip's name, or a class of jAER with or without its package. A number, as of a
+        text: A chip's name, or a class of jAER with or without its package. A number, as in a
             source, may come before it, and a serial number after it.
     """
     for word in re.split(r"[\W_]+", text.strip().rpartition(".")[2]):

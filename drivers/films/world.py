@@ -65,7 +65,7 @@ class FilmLight:
 
     def steps(self) -> Iterator[LightStep]:
         """The light at each frame, and at the sub-steps before it."""
-        # as of the sensor's own log map, in units of white
+        # in the sensor's own log map, in units of white
         floor_dn = max(float(self._sensor.dark_dn), LEAST_DN)
         floor = floor_dn / float(self._sensor.exposure_dn)
         config, last = self._config, None

@@ -117,7 +117,7 @@ class LockstepServer:
             address: Where they connect: tcp://HOST:PORT or ipc:///PATH.
             controllers: How many have to have joined before anything moves.
             timeout_s: How long the others wait for one's decision, s.
-            key: File of the secret key, as of the bus's Publisher; `allow` and `insecure` too.
+            key: File of the secret key, as in the bus's Publisher; `allow` and `insecure` too.
             allow: Public keys that may control the loop.
             insecure: Whether other machines may without a key.
             warn: Gets a line for each controller that is lost.

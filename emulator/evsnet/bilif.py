@@ -9,7 +9,7 @@ In the paper, n is 1: what a large step leaves over V_on fires in the ticks afte
 64; only what is left over those fires later. The paper has V_on = V_off = 1; here they are the
 sensor's thresholds in units of the network's.
 
-A pixel without current and between its thresholds is not touched: its V is as of tick `last`, and
+A pixel without current and between its thresholds is not touched: its V is that of tick `last`, and
 is decayed in one go when something reaches it. So leaving pixels out changes no bit. For any number
 m of ticks e^(-m dt / tau) is the product of two table entries: m = 256 high + low. The tables are
 made of correctly rounded operations only (`decimal` has the one exponential), so that they have the

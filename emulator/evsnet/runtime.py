@@ -99,7 +99,7 @@ def make_runtime(
         threads: Worker threads; 0: one per core.
         isa: Instruction set of native.
         sparse: Whether native leaves out pixels without current.
-        most: Events of a pixel in a tick, as of bilif.most_events.
+        most: Events of a pixel in a tick, see bilif.most_events.
 
     Raises:
         EvsError: No such runtime, or it cannot run the network.

@@ -125,7 +125,7 @@ class Aps:
             parameters: [sensor.aps], resolved.
             width: Of a frame, px.
             height: Of a frame, px.
-            exposure_dn: DN per unit of luminance, as of the event pixels; 255 DN is white.
+            exposure_dn: DN per unit of luminance, as in the event pixels; 255 DN is white.
             camera: Its name in frames.
 
         Raises:

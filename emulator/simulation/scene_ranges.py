@@ -1,6 +1,6 @@
 """Randomised scenes: other lights, colours, cameras, masses and starts in every episode.
 
-A range, as of sensor/ranges.py, belongs to a key of the scene, as of world/scene_keys.py:
+A range, see sensor/ranges.py, belongs to a key of the scene, see world/scene_keys.py:
 
     "light.*.brightness" = "uniform(0.3, 1)"       each light draws for itself
     "geom.floor.rgb" = "uniform(0, 1)"             and so does each of several numbers

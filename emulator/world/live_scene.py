@@ -35,7 +35,7 @@ class LiveScene:
     """
 
     def __init__(self, model: mujoco.MjModel, visual: VisualConfig = DEFAULT) -> None:
-        """Raises EvsError as of extract_scene; warns as of warn_wrong_newton."""
+        """Raises EvsError like extract_scene and warns like warn_wrong_newton."""
         warn_wrong_newton(model)
         self._model, self._parts = model, PartCache()
         self.visual = visual

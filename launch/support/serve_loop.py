@@ -31,7 +31,7 @@ def serve(
     Args:
         config: the configuration.
         quiet: print only warnings.
-        make_loop: as of lockstep.serve.
+        make_loop: See lockstep.serve.
         reported_config: the configuration that the report shows for a loop that is not the
             configuration's.
     """

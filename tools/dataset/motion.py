@@ -31,7 +31,7 @@ class Track:
     period_s: float = 0.0
     """over 0: period after which the curve repeats, smoothly"""
     shake: float = 0.0
-    """amplitude of a smooth random signal that is added, as of a hand that holds a camera"""
+    """amplitude of a smooth random signal that is added, like that of a hand-held camera"""
     shake_hz: float = 2.0
     """how often that signal has a new target"""
 

@@ -38,9 +38,9 @@ class PageRequest:
     timeout_s: float | None = None
     """seconds without a packet after which it ends; None: never"""
     server_key: str = ""
-    """as of subscribe"""
+    """see `subscribe`"""
     key: str = ""
-    """as of subscribe"""
+    """see `subscribe`"""
     browser: bool = True
     """whether to open a browser, where there is a display"""
 
