@@ -29,7 +29,7 @@ def between(
         after: (h, w) linear, the light of the last step.
         steps: A power of two.
         line: What goes in a straight line: `log`, the logarithm of light + floor; `linear`, light.
-        floor: Light, in the unit of the sensor's dark current.
+        floor: Light, such as that of the sensor's dark current.
 
     Yields:
         (h, w) float32, `steps` times.
