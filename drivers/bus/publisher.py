@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import zmq
 
 from evs.drivers.bus.address import bindable, is_ipv6
-from evs.drivers.bus.buffers import Buffers
 from evs.drivers.bus.channels import Audience, Channel, make_channels
 from evs.drivers.bus.ports import Ports, ServerKeys
 from evs.drivers.bus.sockets import Socket, quick_check, readable, receive_parts, send_parts
@@ -50,6 +50,53 @@ from evs.msgs import (
 )
 from evs.msgs.packet import MAX_FRAME_BYTES
 from evs.msgs.status import STATUS_PERIOD_US
+
+LEAST_BYTES = 512 * 1024
+"""ZeroMQ copies shorter frames itself, which is faster than lending it memory."""
+
+MOST_BYTES = 64 * 1024 * 1024
+"""Most memory; ZeroMQ itself copies what waits for slow subscribers beyond it."""
+
+
+class Buffers:
+    """Copies frames into memory that is used again once no subscriber waits for the frame."""
+
+    def __init__(self) -> None:
+        self.bytes = 0
+        """memory in use"""
+        self._lent: list[tuple[memoryview, zmq.MessageTracker]] = []
+
+    def copied(self, raw: memoryview) -> memoryview | zmq.Frame:
+        """Return what to send so that `raw`, of format B, may change afterwards."""
+        if raw.nbytes < LEAST_BYTES:
+            return raw
+        memory = self._free(raw.nbytes)
+        if memory is None:
+            return raw
+        memory[: raw.nbytes] = raw
+        frame = zmq.Frame(memory[: raw.nbytes], copy=False, track=True)
+        assert frame.tracker is not None
+        # the tracker, not the frame: a reference to the frame would keep its memory in use
+        self._lent.append((memory, frame.tracker))
+        return frame
+
+    def _free(self, size: int) -> memoryview | None:
+        """Return free memory of at least `size` bytes; None if MOST_BYTES are in use."""
+        for place, (memory, tracker) in enumerate(self._lent):
+            if tracker.done:
+                del self._lent[place]
+                if memory.nbytes >= size:
+                    return memory
+                # a larger one takes its place
+                self.bytes -= memory.nbytes
+                break
+        if self.bytes + size > MOST_BYTES:
+            return None
+        # room for the next ones, which are seldom of quite this size
+        room = min(size + size // 4, MOST_BYTES - self.bytes)
+        self.bytes += room
+        return np.empty(room, np.uint8).data
+
 
 LINGER_S = 2.0
 """How long a closing publisher waits for its subscribers to learn that it ends."""

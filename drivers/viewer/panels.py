@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import struct
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -17,10 +18,14 @@ import numpy.typing as npt
 from evs.drivers.clock import sleep_s
 from evs.drivers.files.bags.library import DEFINITIONS, PACKET
 from evs.drivers.files.paths import target_error
-from evs.drivers.ros2.event_messages import EventMessageBuilder, check_size, check_start
+from evs.drivers.ros2.event_messages import (
+    EventMessage,
+    EventMessageBuilder,
+    check_size,
+    check_start,
+)
 from evs.drivers.sink import Stream
 from evs.drivers.viewer.outbox import MAX_QUEUE_BYTES, Letter, Outbox
-from evs.drivers.viewer.packet_message import packet_message
 from evs.drivers.viewer.windows import Window
 from evs.msgs import EventPacket, EvsError, Frame, Pose, StreamInfo
 from evs.msgs.frame import FRAME_ENCODINGS
@@ -500,3 +505,37 @@ class _File:
     def close(self) -> None:
         """End the file."""
         self._file.close()
+
+
+def packet_message(
+    message: EventMessage, seq: int, width: int, height: int, encoding: str, frame_id: str
+) -> bytes:
+    """Pack an event_camera_msgs/EventPacket as its CDR, without a library of ROS.
+
+    Args:
+        message: The events and their times.
+        seq: Number of the message.
+        width: Of the sensor, px.
+        height: Of the sensor, px.
+        encoding: As ROS's codecs call it.
+        frame_id: Of the camera.
+
+    Returns:
+        Little-endian CDR, with its header of four bytes.
+    """
+    seconds, rest = divmod(message.first_us, 1_000_000)
+    body = struct.pack("<iI", seconds, 1000 * rest) + _text(frame_id)
+    body = _aligned(body, 4) + struct.pack("<II", height, width)
+    body = _aligned(body, 8) + struct.pack("<QQ", seq, message.time_base_ns) + _text(encoding)
+    # is_bigendian, then the events, a sequence of bytes
+    body = _aligned(body + b"\0", 4) + struct.pack("<I", len(message.data))
+    return b"".join((b"\0\1\0\0", body, message.data))
+
+
+def _text(text: str) -> bytes:
+    data = text.encode() + b"\0"
+    return struct.pack("<I", len(data)) + data
+
+
+def _aligned(body: bytes, size: int) -> bytes:
+    return body + bytes(-len(body) % size)

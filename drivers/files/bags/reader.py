@@ -5,6 +5,10 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
+import shutil
+import tempfile
+import weakref
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -13,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.files.aedat4.compression import MAGIC, unpacked
+from evs.drivers.files.aedat4.compression import MAGIC, decompressed, unpacked
 from evs.drivers.files.aedat4.layout import CorruptDataError
 from evs.drivers.files.bags.database import journal_of, scan_database
 from evs.drivers.files.bags.library import ARRAY, PACKET, TEXT, load
@@ -29,7 +33,6 @@ from evs.drivers.files.bags.messages import (
     parse_array,
     sample_of,
 )
-from evs.drivers.files.bags.parts import UnpackedFile, files_of, whole
 from evs.drivers.files.bags.recorder import STREAM_TOPIC
 from evs.drivers.files.bags.records import (
     MCAP_MAGIC,
@@ -41,9 +44,10 @@ from evs.drivers.files.bags.records import (
     scan_ros1,
 )
 from evs.drivers.files.capabilities import MAX_SIDE_PX
-from evs.drivers.files.formats import PACKED_SUFFIX
+from evs.drivers.files.formats import BAG_METADATA, PACKED_SUFFIX, is_bag_file
 from evs.drivers.files.header_text import stream_from_json
 from evs.drivers.files.integrity import on_sensor
+from evs.drivers.files.paths import existing
 from evs.drivers.files.recording_file import MultiStreamFile, choose_stream, of_stream
 from evs.drivers.files.time_order import PacketSorter
 from evs.msgs import (
@@ -371,3 +375,73 @@ class _AuxiliaryParser:
         if self._samples:
             yield np.concatenate(self._samples)
             self._samples = []
+
+
+_LISTED = re.compile(r"^[ \t]*relative_file_paths:[ \t]*\n((?:[ \t]*-[^\n]*\n?)+)", re.MULTILINE)
+_NUMBER = re.compile(r"_(\d{1,9})\.")
+_MAX_METADATA_BYTES = 1 << 24
+
+
+def files_of(path: Path) -> list[Path]:
+    """The files of a bag in their order.
+
+    Args:
+        path: A file, or the folder of a bag: metadata.yaml lists its files; without it (the
+            recorder was killed), they are those with the endings of bags, by their numbers.
+
+    Raises:
+        EvsError: There is no such file, or a file that is listed is missing.
+    """
+    if not path.is_dir():
+        return [existing(path)]
+    listed = _listed(path)
+    found = listed or [one for one in path.iterdir() if is_bag_file(one)]
+    return [existing(one) for one in (found if listed else sorted(found, key=_order))]
+
+
+def whole(path: Path) -> list[Path]:
+    """The files of the bag that begins with this file; only the file if it is not the first."""
+    listed = _listed(path.parent)
+    begins = bool(listed) and listed[0].name == path.name
+    return [existing(one) for one in listed] if begins else [path]
+
+
+def _listed(folder: Path) -> list[Path]:
+    """The files that the metadata of a bag's folder list; none without metadata."""
+    try:
+        with (folder / BAG_METADATA).open("rb") as file:
+            text = file.read(_MAX_METADATA_BYTES).decode(errors="replace")
+    except OSError:
+        return []
+    match = _LISTED.search(text)
+    names = (
+        [line.strip().lstrip("-").strip(" '\"") for line in match[1].splitlines()] if match else []
+    )
+    # a path leads nowhere else
+    return [folder / Path(name).name for name in names if name]
+
+
+def _order(path: Path) -> tuple[int, str]:
+    number = _NUMBER.search(path.name)
+    return (int(number[1]) if number else 0, path.name)
+
+
+class UnpackedFile:
+    """A file that was compressed as a whole, decompressed as long as this object lives."""
+
+    def __init__(self, packed: Path) -> None:
+        """Decompress a file. EvsError: it is damaged, or there is no space for it."""
+        folder = tempfile.mkdtemp(prefix="evs-bag-")
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self.path = Path(folder) / packed.name[: -len(PACKED_SUFFIX)]
+        try:
+            with packed.open("rb") as source, self.path.open("wb") as target:
+                for part in decompressed(source):
+                    target.write(part)
+        except CorruptDataError as reason:
+            raise EvsError(f"{packed} is damaged: {reason}") from None
+        except OSError as reason:
+            raise EvsError(
+                f"cannot decompress {packed} in {folder}: {reason.strerror}; set TMPDIR to a place "
+                "with space, or decompress it with zstd -d"
+            ) from None

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import zmq
 
-from evs.drivers.bus.buffers import LEAST_BYTES, MOST_BYTES, Buffers
+from evs.drivers.bus.publisher import LEAST_BYTES, MOST_BYTES, Buffers
 from evs.drivers.bus.sockets import Context
 from evs.msgs import EventPacket, MessageError, decode, encode, make_events
 

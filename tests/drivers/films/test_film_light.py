@@ -7,7 +7,7 @@ import pytest
 
 from evs.drivers.films.fitting import area_mean, region
 from evs.drivers.films.source import natural_order
-from evs.drivers.films.substeps import between
+from evs.drivers.films.world import between
 from evs.msgs import EvsError
 
 

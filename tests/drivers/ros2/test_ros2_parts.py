@@ -13,8 +13,8 @@ from evs.drivers.ros2 import sender as sender_module
 from evs.drivers.ros2.event_messages import EventMessage, EventMessageBuilder
 from evs.drivers.ros2.middleware import checked_domain, interface_of
 from evs.drivers.ros2.names import GLOBAL, PRIVATE, quality_of
+from evs.drivers.ros2.publisher import Statistics
 from evs.drivers.ros2.sender import Sender, TopicQueue
-from evs.drivers.ros2.statistics import Statistics
 from evs.msgs import EventPacket, Events, EvsError, make_events
 from evs.msgs.codecs import PAYLOADS, PayloadReader
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.base.scene import F32
-from evs.emulator.evsnet.log_delta import LogDelta
+from evs.emulator.evsnet.dense import LogDelta
 from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters
 from evs.emulator.sensor.pixel import log_light
