@@ -136,6 +136,11 @@ void set_optics(const Optics& optics, int samples, Sampling& sampling, Frame& fr
   f.lens = sampling.lens.empty() ? nullptr : sampling.lens.data();
   f.vignette = sampling.share.empty() ? nullptr : sampling.share.data();
   f.samples = samples;
+  // four to a power: Hammersley points lie in square cells
+  f.cells = 0;
+  for (int side = 1; side * side <= samples; side *= 2) {
+    if (side * side == samples) f.cells = side;
+  }
   double across = std::sqrt(static_cast<double>(samples));
   f.pixel_angle = static_cast<float>(1.0 / (std::sqrt(optics.fx * optics.fy) * across));
   f.pixel_x = static_cast<float>(1.0 / (optics.fx * across));

@@ -52,6 +52,14 @@ struct TextureLevel {
   int offset;  // in its plane
   int stride;  // from row to row
 };
+// One axis of a tiled image, which is constant between a few lines: a checker, a grid, one colour.
+constexpr int MAX_TILES = 4;
+struct TileAxis {
+  int count;                // 0: the image is not tiled
+  float start;              // where the first tile begins, image lengths
+  float offset[MAX_TILES];  // where each begins, from there
+  float width[MAX_TILES];   // together 1
+};
 struct Texture {
   const float* texels;
   int channel_stride;  // texels of a plane
@@ -62,7 +70,9 @@ struct Texture {
   TextureLevel level[MAX_LEVELS];
   // of level 0 of a large image, with its rim: red, green and blue, the lowest byte first; or null
   const uint32_t* words;
-  const float* decoded;  // (3, 256) linear light of each byte
+  const float* decoded;                 // (3, 256) linear light of each byte
+  TileAxis columns, rows;               // of a 2D image
+  float tile[4][MAX_TILES][MAX_TILES];  // channel, row, column
 
   long at(int channel, int index, int face, int row, int column) const {
     const TextureLevel& l = level[index];
@@ -199,6 +209,7 @@ struct Frame {
   const float* vignette;  // (height, width) factor of a pixel's light; null: all 1
   float pixel_angle;      // footprint of a sample at the image's centre: rad, or m (orthographic)
   int samples;
+  int cells;              // the samples lie one in each cell of cells x cells; 0: in no such grid
   const float* sample_x;  // sub-pixel positions, 0 ... 1
   const float* sample_y;
   float pixel_x, pixel_y;  // footprint of a sample on a plane at depth 1: m

@@ -244,14 +244,15 @@ def test_another_name_is_refused() -> None:
 
 
 def test_textures_of_planes_and_the_sky_are_read_at_several_points_of_a_pixel() -> None:
-    # a checker and stars that are no wider than the pixels, without an edge of another kind
+    # a checker (with specks, or it would be integrated as tiles) and stars that are no wider than
+    # the pixels, without an edge of another kind
     xml = """
     <mujoco><visual><headlight diffuse="0 0 0" ambient="1 1 1" specular="0 0 0"/></visual>
       <asset>
         <texture type="skybox" builtin="flat" mark="random" random=".05" markrgb="1 1 1"
                 rgb1=".2 .2 .2" rgb2=".2 .2 .2" width="256" height="1536"/>
         <texture name="tiles" type="2d" builtin="checker" rgb1=".1 .1 .1" rgb2=".9 .9 .9"
-                width="64" height="64"/>
+                width="64" height="64" mark="random" random=".01" markrgb=".1 .1 .1"/>
         <material name="tiles" texture="tiles" texrepeat="5 5" texuniform="true"/>
       </asset>
       <worldbody><geom type="plane" size="0 0 .1" material="tiles"/></worldbody></mujoco>"""

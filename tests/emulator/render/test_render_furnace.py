@@ -141,7 +141,7 @@ def test_rough_metal_in_even_light_loses_what_facets_reflect_twice(
 def test_the_page_says_how_much_rough_metal_loses(pytestconfig: pytest.Config) -> None:
     page = (pytestconfig.rootpath / "docs" / "explanation" / "light.md").read_text("utf-8")
     albedos = [f"{ggx_albedo(1.0, roughness**2, 150):.2f}" for roughness in (0.4, 0.6, 1.0)]
-    said = "reflects {}, {} and {} of even light at roughness 0.4, 0.6 and 1".format(*albedos)
+    said = "reflects {}, {} and {} of uniform light at roughness 0.4, 0.6 and 1".format(*albedos)
     assert said in " ".join(page.split())
 
 

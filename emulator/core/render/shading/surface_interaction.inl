@@ -4,6 +4,7 @@
 #include "render/geometry/intersect.inl"
 #include "render/shading/footprint.inl"
 #include "render/shading/texture.inl"
+#include "render/shading/tiles.inl"
 #include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
@@ -44,6 +45,7 @@ struct TextureLookup {
   // of camera rays; null: read an image once, as wide as `footprint`
   const Footprint* sample_footprint = nullptr;
   const Hit* hit = nullptr;
+  const Rays* rays = nullptr;
   bool has_flat = false, has_cube = false;
   Float flat_u = {}, flat_v = {}, flat_width = {}, cube_u = {}, cube_v = {}, cube_width = {};
   Int face = {};
@@ -106,6 +108,15 @@ struct TextureLookup {
   }
 
   template <int CHANNELS>
+  [[gnu::noinline]] EVS_OUTLINE void read_tiles(const Texture& t, Float* out) {
+    TileWeights weights =
+        tile_weights(f, *rays, t, flat_u, flat_v, flat_side, *sample_footprint, lanes);
+    for (int c = 0; c < CHANNELS; c++) {
+      out[c] = c < t.channels ? weights.mean(t, c) : splat(t.mean);
+    }
+  }
+
+  template <int CHANNELS>
   EVS_OUTLINE void read(const Texture& t, Float* out) {
     bool flat = t.faces == 1;
     if (flat && !has_flat) find_flat();
@@ -115,6 +126,7 @@ struct TextureLookup {
         return sample_texture(t, CHANNELS, flat_u, flat_v, splat(0), flat_width, lanes, out);
       return sample_texture(t, CHANNELS, cube_u, cube_v, face, cube_width, lanes, out);
     }
+    if (t.columns.count) return read_tiles<CHANNELS>(t, out);
     float w = static_cast<float>(t.level[0].width), h = static_cast<float>(t.level[0].height);
     const Float* side = flat ? flat_side : cube_side;
     Probes probes = probes_of(f, side[0] * w, side[1] * h, side[2] * w, side[3] * h, lanes);
@@ -350,6 +362,7 @@ void interact_with_geom(const Frame& f, const Rays& rays, const Hit& hit, Float 
         footprint_of(f, g, rays, hit.distance, d, is_mesh ? flat : n, even ? 1e-3f : 0.1f);
     lookup.sample_footprint = &sample_footprint;
     lookup.hit = &hit;
+    lookup.rays = &rays;
   }
   // albedo
   Float albedo[CHANNELS], tint[CHANNELS];

@@ -1,0 +1,180 @@
+// Tiled images (checkers, grids, one colour), averaged over what a camera ray stands for. A tile's
+// weight is the product of its shares along u and along v, which is exact for a rectangle of the
+// image; what a pixel covers is a parallelogram, so it is taken in four parts.
+#pragma once
+
+#include "render/geometry/rays.inl"
+#include "render/shading/footprint.inl"
+#include "scene/scene.h"
+
+namespace evs::EVS_NAMESPACE {
+namespace {
+
+// Weights of the tiles of an image, which add up to 1.
+struct TileWeights {
+  Float of[MAX_TILES][MAX_TILES];
+
+  EVS_INLINE void add(const Texture& t, const Float* across, const Float* down) {
+    for (int i = 0; i < t.rows.count; i++) {
+      for (int j = 0; j < t.columns.count; j++) of[i][j] = of[i][j] + down[i] * across[j];
+    }
+  }
+
+  EVS_INLINE Float mean(const Texture& t, int channel) const {
+    Float sum = splat(0.0f);
+    for (int i = 0; i < t.rows.count; i++) {
+      for (int j = 0; j < t.columns.count; j++) sum = sum + of[i][j] * t.tile[channel][i][j];
+    }
+    return sum;
+  }
+};
+
+// What a camera ray stands for on an image: its sides (image lengths), and how fast they recede.
+struct ImageSides {
+  Float xu, xv, yu, yv, receding_x, receding_y;
+};
+
+// The share that each tile of an axis has of an interval, which begins at `low` and is `width`
+// long: image lengths. `inverse`: 1 / width.
+EVS_INLINE void tile_shares(const TileAxis& axis, Float low, Float width, Float inverse,
+                            Float* share) {
+  Float from = low - axis.start;
+  from = from - floor(from);
+  Float to = from + width, turns = floor(to), rest = splat(1.0f);
+  to = to - turns;
+  for (int k = 0; k + 1 < axis.count; k++) {
+    auto covered = [&](Float x) {
+      return max(min(x - axis.offset[k], splat(axis.width[k])), splat(0.0f));
+    };
+    Float length = turns * axis.width[k] + (covered(to) - covered(from));
+    share[k] = max(min(length * inverse, splat(1.0f)), splat(0.0f));
+    rest = rest - share[k];
+  }
+  share[axis.count - 1] = max(rest, splat(0.0f));
+}
+
+// Find the tile that holds everything within `reach` of a point. Out: 1 for it, 0 for the others.
+EVS_INLINE Mask find_tile(const TileAxis& axis, Float at, Float reach, Float* share) {
+  Float from = at - reach - axis.start;
+  from = from - floor(from);
+  Float to = from + reach * 2.0f, all = splat(0.0f);
+  for (int k = 0; k < axis.count; k++) {
+    Mask holds = (from >= axis.offset[k]) & (to <= axis.offset[k] + axis.width[k]);
+    share[k] = select(holds, splat(1.0f), splat(0.0f));
+    all = all + share[k];
+  }
+  if (axis.count == 1) share[0] = all = splat(1.0f);
+  return all > 0.5f;
+}
+
+// From a ray to the middle of its cell, of `cells` by `cells` in a pixel: sides of a cell. Zero
+// where the samples lie in no such grid.
+EVS_INLINE void to_middle(const Frame& f, const Rays& rays, int cells, Float& x, Float& y) {
+  if (cells == 0) return;
+  Vec d = rays.direction;
+  Float column = f.cx + d.x / -d.z * f.fx, row = f.cy + d.y / d.z * f.fy;
+  if (f.orthographic) column = f.cx + rays.origin.x * f.fx, row = f.cy - rays.origin.y * f.fy;
+  column = column * static_cast<float>(cells);
+  row = row * static_cast<float>(cells);
+  x = floor(column) + 0.5f - column;
+  y = row - floor(row) - 0.5f;
+}
+
+// A ray for the whole pixel takes all four parts of it, each of four rays takes one (`quarter`). Of
+// more rays each stands for its own cell.
+[[gnu::noinline]] EVS_OUTLINE TileWeights blend_tiles(const Frame& f, const Rays& rays,
+                                                      const Texture& t, Float at_u, Float at_v,
+                                                      const ImageSides& s, bool quarter) {
+  constexpr float LEAST = 1.0f / 8192;  // image lengths; below it rounding would show
+  const bool whole = f.samples == 1;
+  // the middle of each part, in sides from the ray, and the squares of a part's sides
+  Float x[4], y[4], square_x = splat(1.0f), square_y = splat(1.0f);
+  const int parts = whole ? 4 : 1;
+  Float middle_x = splat(0.0f), middle_y = splat(0.0f);
+  if (!whole && !f.lens) to_middle(f, rays, quarter ? 1 : f.cells, middle_x, middle_y);
+  x[0] = middle_x, y[0] = middle_y;
+  if (whole || quarter) {
+    // Only a side that runs askew through the image has to be split. From -1 to 1: in four along x,
+    // two by two, four along y. Between them the parts slide, with the variance of the whole.
+    Float of_x = abs(s.xu * s.xv), of_y = abs(s.yu * s.yv);
+    Float along = (of_y - of_x) / max(of_x + of_y, splat(1e-20f));
+    Float more_y = max(along, splat(0.0f)), more_x = max(-along, splat(0.0f));
+    Float less_x = (1.0f - more_y) * 0.25f, less_y = (1.0f - more_x) * 0.25f;
+    Float slide_x = more_x * 0.125f, slide_y = more_y * 0.125f;
+    square_x = 1.0f - (less_x * less_x + slide_x * slide_x) * 12.0f;
+    square_y = 1.0f - (less_y * less_y + slide_y * slide_y) * 12.0f;
+    Float one = splat(1.0f);
+    for (int k = 0; k < parts; k++) {
+      Float right = whole ? splat(k & 1 ? 1.0f : -1.0f) : select(middle_x < 0.0f, one, -one);
+      Float upper = whole ? splat(k & 2 ? 1.0f : -1.0f) : select(middle_y < 0.0f, one, -one);
+      x[k] = middle_x + right * less_x + upper * slide_x;
+      y[k] = middle_y + upper * less_y + right * slide_y;
+    }
+  }
+  // there the ray meets the tangent plane 1 / `depth` times as far
+  Float depth[4], scale[4];
+  for (int k = 0; k < parts; k++) depth[k] = 1.0f + x[k] * s.receding_x + y[k] * s.receding_y;
+  if (whole) {
+    // four reciprocals by one division
+    Float left = depth[0] * depth[1], right = depth[2] * depth[3], all = 1.0f / (left * right);
+    Float of_left = all * right, of_right = all * left;
+    scale[0] = of_left * depth[1], scale[1] = of_left * depth[0];
+    scale[2] = of_right * depth[3], scale[3] = of_right * depth[2];
+  } else {
+    scale[0] = 1.0f / depth[0];
+  }
+  // as wide as a box of the same variance
+  auto extent = [&](Float along_x, Float along_y) {
+    Float square = along_x * along_x * square_x + along_y * along_y * square_y;
+    return max(sqrt(square), splat(LEAST));
+  };
+  Float width = extent(s.xu, s.yu), height = extent(s.xv, s.yv);
+  Float per_width = 1.0f / width, per_height = 1.0f / height;
+  Float across[MAX_TILES], down[MAX_TILES];
+  TileWeights out = {};
+  for (int k = 0; k < parts; k++) {
+    Float u = at_u + (s.xu * x[k] + s.yu * y[k]) * scale[k];
+    Float v = at_v + (s.xv * x[k] + s.yv * y[k]) * scale[k];
+    Float larger = scale[k] * scale[k], smaller = depth[k] * depth[k];
+    Float wide = width * larger, high = height * larger;
+    tile_shares(t.columns, u - wide * 0.5f, wide, per_width * smaller, across);
+    tile_shares(t.rows, v - high * 0.5f, high, per_height * smaller, down);
+    for (int i = 0; whole && i < t.rows.count; i++) down[i] = down[i] * 0.25f;
+    out.add(t, across, down);
+  }
+  return out;
+}
+
+// Weigh the tiles of an image around the point u, v. In: the sides of a sample on it.
+EVS_INLINE TileWeights tile_weights(const Frame& f, const Rays& rays, const Texture& t, Float u,
+                                    Float v, const Float* side, const Footprint& footprint,
+                                    unsigned lanes) {
+  const bool whole = f.samples == 1, quarter = f.cells == 2 && !f.lens && !whole;
+  // the sides of the pixel, or of a sample's cell
+  const float times = quarter || (whole && f.taps > 1) ? 2.0f : 1.0f;
+  const ImageSides s = {side[0] * times,
+                        side[1] * times,
+                        side[2] * times,
+                        side[3] * times,
+                        footprint.receding_x * times,
+                        footprint.receding_y * times};
+  // Most pixels lie within one tile. What recedes less grows by 1.18 at most, its sides by 1.4.
+  const float reach = whole || f.lens ? 0.7f : 1.4f;
+  Float across[MAX_TILES], down[MAX_TILES];
+  Mask within = abs(s.receding_x) + abs(s.receding_y) < 0.3f;
+  within = within & find_tile(t.columns, u, (abs(s.xu) + abs(s.yu)) * reach, across);
+  within = within & find_tile(t.rows, v, (abs(s.xv) + abs(s.yv)) * reach, down);
+  TileWeights out = {};
+  out.add(t, across, down);
+  if (!(~to_bits(within) & lanes)) return out;
+  const TileWeights blended = blend_tiles(f, rays, t, u, v, s, quarter);
+  for (int i = 0; i < t.rows.count; i++) {
+    for (int j = 0; j < t.columns.count; j++) {
+      out.of[i][j] = select(within, out.of[i][j], blended.of[i][j]);
+    }
+  }
+  return out;
+}
+
+}  // namespace
+}  // namespace evs::EVS_NAMESPACE

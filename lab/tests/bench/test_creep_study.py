@@ -1,0 +1,147 @@
+"""A camera that creeps over a checker: events of each renderer against the exact area that each
+pixel covers, in float64.
+
+lab/docs/sampling.md has the table of
+`.venv/bin/pytest -m bench -s lab/tests/bench/test_creep_study.py`.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+import pytest
+
+import evs
+from evs.msgs import Events
+from evs_lab.metrics.matching import match_events
+
+WIDTH, HEIGHT, TICKS, SETTLE_US = 64, 48, 180, 20000
+FOVY, HEIGHT_M = 50.0, 0.5
+XML = """<mujoco><asset>
+  <texture name="checker" type="2d" builtin="checker" rgb1=".8 .8 .8" rgb2=".2 .2 .2" width="300"
+    height="300"/>
+  <material name="checker" texture="checker" texrepeat="8 8" specular="0" shininess="0"/>
+  <material name="white" rgba="1 1 1 1" specular="0" shininess="0"/>
+  <texture type="skybox" builtin="flat" rgb1=".4 .4 .4" width="8" height="48"/></asset>
+  <worldbody><light pos="1 -1 3" dir="-.2 .2 -1" diffuse=".8 .8 .8"/>
+  <geom type="plane" size="4 4 1" material="{}"/>
+  <body name="rider" mocap="true"><camera name="eye" xyaxes="1 0 0 0 .35 1" fovy="50"/></body>
+  </worldbody></mujoco>"""
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
+RENDERERS = {
+    "direct 1 (fast)": {"renderer": "direct", "spp": 1},
+    "direct 4 (default)": {"renderer": "direct", "spp": 4, "antialiasing": "adaptive"},
+    "hybrid 1": {"renderer": "hybrid", "spp": 1},
+    "hybrid 4 (balanced)": {"renderer": "hybrid", "spp": 4},
+    "hybrid 16 (accurate)": {"renderer": "hybrid", "spp": 16},
+    "path 64": {"renderer": "path", "spp": 64, "seeds": "fixed"},
+}
+
+
+def linear(coded: float) -> float:
+    return ((round(255 * coded) / 255 + 0.055) / 1.055) ** 2.4
+
+
+class Creep:
+    """The plane, and a camera without roll that moves forward."""
+
+    def __init__(self, speed_m_s: float) -> None:
+        self.at = [np.array([0.013, -1.2 + 1e-3 * t * speed_m_s, HEIGHT_M]) for t in range(TICKS)]
+        model = mujoco.MjModel.from_xml_string(XML.format("checker"))
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        self.axes = data.cam_xmat[0].reshape(3, 3)
+        y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(float)
+        u, _, depth = self.floor(x, y, self.at[0])
+        above = self.floor(x, y - 1, self.at[0])
+        self.inside = (np.abs(u) < 3) & (depth > 0) & (above[1] < 3) & (above[2] > 0)
+
+    def floor(self, x: np.ndarray, y: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Where points of the picture lie on the floor, m, and their depth."""
+        focal = 0.5 * HEIGHT / np.tan(np.deg2rad(FOVY / 2))
+        ray = np.stack([(x - WIDTH / 2) / focal, (HEIGHT / 2 - y) / focal, -np.ones_like(x)], -1)
+        ray = ray @ self.axes.T
+        depth = -at[2] / ray[..., 2]
+        return at[0] + depth * ray[..., 0], at[1] + depth * ray[..., 1], depth
+
+    def film(self, material: str, **render: object) -> np.ndarray:
+        model = mujoco.MjModel.from_xml_string(XML.format(material))
+        data = mujoco.MjData(model)
+        camera = evs.EventCamera(
+            model, "eye", sensor=evs.SensorConfig("ideal", width=WIDTH, height=HEIGHT),
+            render=evs.RenderConfig(**render),  # type: ignore[arg-type]
+        )  # fmt: skip
+        out = []
+        for tick, position in enumerate(self.at):
+            data.time = 1e-3 * tick
+            data.mocap_pos[0] = position
+            mujoco.mj_forward(model, data)
+            camera.observe(data)
+            out.append(np.array(camera.luminance, np.float64))
+        return np.array(out)
+
+    def exact(self, at: np.ndarray) -> np.ndarray:
+        """Mean of the checker, +-1 in squares of 0.5 m, over each pixel: exact along its rows, and
+        by Gauss's rule between the lines that cross it."""
+
+        def integral(x: np.ndarray) -> np.ndarray:
+            share = np.mod(x, 1.0)
+            return np.minimum(share, 1 - share)
+
+        out, x = np.zeros((HEIGHT, WIDTH)), np.arange(WIDTH + 1.0)
+
+        def forward(y: float) -> float:
+            return float(self.floor(np.array(0.0), np.array(y), at)[1])
+
+        for row in np.flatnonzero(self.inside.any(1)):
+            low, high = sorted((forward(row), forward(row + 1)))
+            cuts = [float(row), row + 1.0]
+            for line in np.arange(np.ceil(2 * low), np.floor(2 * high) + 1) / 2:
+                a, b = float(row), row + 1.0
+                for _ in range(50):
+                    middle = (a + b) / 2
+                    a, b = (middle, b) if forward(middle) > line else (a, middle)
+                cuts.append(a)
+            cuts.sort()
+            for a, b in pairwise(cuts):
+                for node, weight in zip(NODES, WEIGHTS, strict=True):
+                    y = (a + b + (b - a) * node) / 2
+                    u, v, _ = self.floor(x, np.full(WIDTH + 1, y), at)
+                    sign = 1 - 2 * (int(np.floor(2 * v[0])) & 1)
+                    mean = np.diff(integral(u)) / np.diff(u)
+                    out[row] += 0.5 * weight * (b - a) * sign * mean
+        return out
+
+    def events(self, film: np.ndarray) -> Events:
+        pixels = evs.Pixels("ideal", size=(WIDTH, HEIGHT))
+        out = []
+        for tick, light in enumerate(film):
+            light = np.where(self.inside, light, 0.3).astype(np.float32)
+            out.append(np.array(pixels.observe(light, 1000 * (tick + 1))))
+        events = np.concatenate(out)
+        return events[events["t"] > SETTLE_US]
+
+
+@pytest.mark.bench
+@pytest.mark.slow
+@pytest.mark.parametrize("speed_m_s", [0.1, 0.02])
+def test_events_of_a_creep(speed_m_s: float) -> None:
+    creep = Creep(speed_m_s)
+    films = {name: creep.film("checker", **render) for name, render in RENDERERS.items()}
+    white = creep.film("white", renderer="hybrid", spp=1)
+    bright, dark = linear(0.8), linear(0.2)
+    wave = np.array([creep.exact(at) for at in creep.at])
+    ratio = films["path 64"][0] / white[0]
+    sign = np.sign(np.corrcoef(wave[0][creep.inside], ratio[creep.inside])[0, 1])
+    area = ((bright + dark) / 2 + (bright - dark) / 2 * sign * wave) * white
+    truth = creep.events(area)
+    print(f"\n{speed_m_s} m/s: {len(truth)} events of the exact area")
+    for name, film in films.items():
+        events = creep.events(film)
+        scores = [match_events(events, truth, 1000 * ms, 1) for ms in (3, 10)]
+        line = "   ".join(f"R {s.recall:.2f} P {s.precision:.2f}" for s in scores)
+        error = np.log(film / area)[:, creep.inside] / 0.2
+        print(f"  {name:22} {len(events):5} {line}   {np.sqrt((error**2).mean()):.3f}", flush=True)
+        assert min(scores[0].recall, scores[0].precision) > 0.75
