@@ -30,6 +30,12 @@ format() {
         .venv/bin/clang-format --dry-run -Werror \
             $(find emulator/core tests/emulator/core -name '*.cpp' -o -name '*.h' -o -name '*.inl')
 }
+# the names in the core: .clang-tidy. Other instruction sets compile the same sources
+names() {
+    find emulator/core -name '*.cpp' ! -name '*avx*' ! -name '*neon*' ! -name '*one_lane*' |
+        xargs -P 2 -n 4 .venv/bin/clang-tidy -p build/native --quiet \
+            --extra-arg=-Wno-unknown-warning-option --extra-arg=-Wno-error
+}
 # the two checkers beside each other: each uses one processor
 types() {
     .venv/bin/mypy >build/mypy.log 2>&1 &
@@ -43,6 +49,7 @@ types() {
 
 stage "set-up" sh .ci/setup.sh dev
 stage "format and lint" format
+stage "names in the core" names
 # what later stages install, while the next ones compile
 (sh .ci/versions.sh install && sh .ci/learners.sh install) >build/environments.log 2>&1 &
 environments=$!

@@ -268,7 +268,7 @@ ADJUSTABLE = (
 """keys of [sensor] that may change while pixels run; biases stand for some of them"""
 
 SHOT_UNITS = 1024
-"""of the clock of shot noise in a us: kShotUnits of core/sensor/shot_noise.h"""
+"""of the clock of shot noise in a us: SHOT_UNITS of core/sensor/shot_noise.h"""
 
 MAX_TICK_US = 2**28 - 1
 """Longest tick, about 4 minutes."""
@@ -283,10 +283,10 @@ _LARGEST_LOG = 256.0
 """The logarithm of no float32 is larger, of either sign, nor is any reference."""
 
 _NEVER = 2**62
-"""A time that does not come: kNever of core/sensor/shot_noise.h"""
+"""A time that does not come: NEVER of core/sensor/shot_noise.h"""
 
 _LEAST_BUDGET = 2.0**-46
-"""Of photon noise: kLeastBudget of core/sensor/photon_noise.h"""
+"""Of photon noise: LEAST_BUDGET of core/sensor/photon_noise.h"""
 
 _LOGS = ("reference", "last_log", "filtered", "followed")
 

@@ -23,7 +23,7 @@ ROOMS = ("base", "scene", "render", "sensor", "evsnet")
 """folders of CORE whose headers kernels include, each by its path from CORE"""
 
 SCAN_THREADS = 1024
-"""of a block of a kernel that scans, as kScanThreads of core/base/scan.h"""
+"""of a block of a kernel that scans, as SCAN_THREADS of core/base/scan.h"""
 
 SAME_BYTES = ("--fmad=false", "--prec-div=true", "--prec-sqrt=true", "--ftz=true")
 """IEEE rounding, no contraction to fma; denormals are flushed, as the CPU's worker threads do"""

@@ -46,9 +46,9 @@ EVS_ALWAYS_INLINE float hypotenuse(float a, float b) {
 // zero, denormals, infinities and NaN is meaningless.
 EVS_ALWAYS_INLINE float ln(float x) {
   // x = 2^exponent (1 + f), with 1 + f between sqrt(1/2) and sqrt(2); f is exact
-  constexpr uint32_t kSqrtHalf = 0x3f3504f3u;
+  constexpr uint32_t SQRT_HALF = 0x3f3504f3u;
   const uint32_t bits = std::bit_cast<uint32_t>(x);
-  const int32_t exponent = static_cast<int32_t>(bits - kSqrtHalf) >> 23;
+  const int32_t exponent = static_cast<int32_t>(bits - SQRT_HALF) >> 23;
   const uint32_t mantissa = bits - (static_cast<uint32_t>(exponent) << 23);
   const float f = std::bit_cast<float>(mantissa) - 1.0f;
 

@@ -141,7 +141,7 @@ class ThreadPool {
     work(task, jobs, 0);
     if (jobs > 1 && count_ > 1) {
       // spin first: the last jobs mostly end sooner than a thread sleeps and wakes
-      for (int spin = 0; spin < kSpins && busy_.load() > 0; spin++) relax();
+      for (int spin = 0; spin < SPINS && busy_.load() > 0; spin++) relax();
       std::unique_lock lock(mutex_);
       // do not wait for workers that have not woken yet, as on a busy machine
       task_ = nullptr;
@@ -151,7 +151,7 @@ class ThreadPool {
   }
 
  private:
-  static constexpr int kSpins = 2000;  // about 30 us
+  static constexpr int SPINS = 2000;  // about 30 us
 
   static void relax() {
 #if defined(__x86_64__)

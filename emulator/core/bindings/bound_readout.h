@@ -28,7 +28,7 @@ class BoundReadout {
   // What waits, as Python has it. Throws std::invalid_argument where a state has another size.
   static std::vector<Request> requests_of(const ClockArray& clock, const BytesIn& waiting,
                                           const TimesIn& due_ns) {
-    if (clock.shape(0) != ClockSize) {
+    if (clock.shape(0) != CLOCK_SIZE) {
       throw std::invalid_argument("the clock has another length");
     }
     if (waiting.shape(0) != due_ns.shape(0) * sizeof(Event)) {
@@ -74,7 +74,7 @@ class BoundReadout {
     {
       // release the GIL only for many events: a few take less time than to acquire it again
       std::optional<GilRelease> release;
-      if (events.shape(0) + waiting.shape(0) > kFew * sizeof(Event)) release.emplace();
+      if (events.shape(0) + waiting.shape(0) > FEW * sizeof(Event)) release.emplace();
       step(reinterpret_cast<const Event*>(events.data()), events.shape(0) / sizeof(Event),
            clock.data(), requests, t_begin_us, t_end_us, out);
     }
@@ -83,7 +83,7 @@ class BoundReadout {
   }
 
  private:
-  static constexpr size_t kFew = 1000;
+  static constexpr size_t FEW = 1000;
 
   Readout readout_;
 };

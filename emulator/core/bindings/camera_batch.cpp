@@ -111,7 +111,8 @@ class CameraBatch {
       if (camera.tick_us != tick_us && camera.arrays.due_us) {
         // filters that stand still in short ticks may move in a longer one
         const size_t pixels = camera.pixels->width() * camera.pixels->height();
-        std::fill_n(camera.arrays.due_us, (pixels + kBlock - 1) / kBlock, camera.clock_us);
+        std::fill_n(camera.arrays.due_us, (pixels + BLOCK_PIXELS - 1) / BLOCK_PIXELS,
+                    camera.clock_us);
       }
       Tick tick{camera.luminance, camera.clock_us, static_cast<uint32_t>(tick_us)};
       tick.all_due = camera.all_due;
@@ -154,7 +155,7 @@ class CameraBatch {
       uint8_t* row = frames.data() + k * frames.shape(1);
       std::memcpy(row, &frame, sizeof frame);
       std::memcpy(row + sizeof frame, &target, sizeof target);
-      const size_t blocks = (count + kBlock - 1) / kBlock;
+      const size_t blocks = (count + BLOCK_PIXELS - 1) / BLOCK_PIXELS;
       const size_t before = (first + k) * blocks;
       Tick light{at<const float>(target), camera.clock_us, static_cast<uint32_t>(tick_us)};
       // filters that stand still in short ticks may move in a longer one
@@ -270,7 +271,7 @@ class CameraBatch {
     void read_out(const EventBuffer& found, int64_t begin_us, int64_t end_us, int64_t start_us) {
       EventBuffer out;
       try {
-        if (end_us > kMaxTimeUs) throw std::invalid_argument("time is over 2^52 us");
+        if (end_us > MAX_TIME_US) throw std::invalid_argument("time is over 2^52 us");
         readout->step(found.events.get(), found.count, clock, waiting, begin_us, end_us, out);
       } catch (const std::invalid_argument& reason) {
         throw std::invalid_argument("readout of tick (" + std::to_string(begin_us) + ", " +
@@ -334,7 +335,7 @@ class CameraBatch {
   }
 
   // as MAX_TIME_US of emulator/sensor/readout.py
-  static constexpr int64_t kMaxTimeUs = int64_t{1} << 52;
+  static constexpr int64_t MAX_TIME_US = int64_t{1} << 52;
 
   ThreadPool pool_;
   int64_t start_us_;

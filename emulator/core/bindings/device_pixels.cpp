@@ -34,9 +34,9 @@ void step_device_pixels(Array<const uint8_t, 1> arguments) {
   std::vector<ShotCandidate> shots;
   std::vector<Crossing> out;
   for (size_t block = 0; block < block_count(d.pixels); block++) {
-    const size_t first = block * kBlock;
+    const size_t first = block * BLOCK_PIXELS;
     out.clear();
-    const size_t count = std::min<size_t>(kBlock, d.pixels - first);
+    const size_t count = std::min<size_t>(BLOCK_PIXELS, d.pixels - first);
     const size_t clamped = step_block(d.step, first, count, scratch, budgets, shots, out);
     std::copy_n(out.begin(), std::min<size_t>(out.size(), d.crossing_room),
                 d.crossings + block * d.crossing_room);

@@ -58,8 +58,8 @@ class BoundNetwork {
     require(delays.shape(0) <= 8, "at most 8 blocks are possible");
     require(tick_us >= 1 && tick_us < (int64_t{1} << 28), "tick_us must be in [1, 2^28)");
     require(v_on > 0.0f && v_off > 0.0f, "thresholds must be over 0");
-    require(most >= 1 && most <= kMostSpikes, "1 ... 64 events per tick are possible");
-    require(decay_low.shape(0) == kDecayLow && decay_high.shape(0) == kDecayHigh,
+    require(most >= 1 && most <= MOST_SPIKES, "1 ... 64 events per tick are possible");
+    require(decay_low.shape(0) == DECAY_LOW && decay_high.shape(0) == DECAY_HIGH,
             "decay tables must have 256 and 4096 entries");
     parameters_.weights.assign(weights.data(), weights.data() + weights.size());
     parameters_.biases.assign(biases.data(), biases.data() + biases.size());
@@ -68,7 +68,7 @@ class BoundNetwork {
     parameters_.decay_low.assign(decay_low.data(), decay_low.data() + decay_low.size());
     parameters_.decay_high.assign(decay_high.data(), decay_high.data() + decay_high.size());
     for (int32_t delay : parameters_.delays) {
-      require(delay >= 0 && delay <= kFifoTicks, "delays must be 0 ... 6 ticks");
+      require(delay >= 0 && delay <= FIFO_TICKS, "delays must be 0 ... 6 ticks");
     }
     NetworkSettings settings;
     settings.map = LogMap::linlog(exposure_dn, dark_dn, linlog_dn);
@@ -100,13 +100,13 @@ class BoundNetwork {
                  Array<int64_t, 2> last, Array<float, 2> fifo, Array<int32_t, 2> tile_row,
                  Array<int64_t, 3> tile_moved, Array<uint8_t, 2> tile_loud, nb::callable grow,
                  std::optional<Array<float, 3>> currents) {
-    constexpr int64_t kEnd = int64_t{1} << 56;
+    constexpr int64_t END = int64_t{1} << 56;
     const size_t ticks = luminance.shape(0), frame = width_ * height_;
     require(luminance.shape(1) == height_ && luminance.shape(2) == width_,
             "luminance must be (ticks, height, width)");
     require(ticks < (size_t{1} << 24), "too many ticks at once");
-    require(tick >= 0 && tick < kEnd, "tick must be in [0, 2^56)");
-    require(begin_us > -kEnd && begin_us < kEnd, "begin_us must be in (-2^56, 2^56)");
+    require(tick >= 0 && tick < END, "tick must be in [0, 2^56)");
+    require(begin_us > -END && begin_us < END, "begin_us must be in (-2^56, 2^56)");
     require(!currents || (currents->shape(0) == ticks && currents->shape(1) == height_ &&
                           currents->shape(2) == width_),
             "currents must have the shape of luminance");
@@ -136,10 +136,10 @@ class BoundNetwork {
     };
     NetworkCounts counts;
     nb::list events;
-    for (size_t done = 0; done < ticks; done += kChunk) {
+    for (size_t done = 0; done < ticks; done += TICK_CHUNK) {
       NetworkChunk chunk;
       chunk.luminance = luminance.data() + done * frame;
-      chunk.ticks = static_cast<int>(std::min<size_t>(kChunk, ticks - done));
+      chunk.ticks = static_cast<int>(std::min<size_t>(TICK_CHUNK, ticks - done));
       chunk.tick = tick + static_cast<int64_t>(done);
       chunk.begin_us = begin_us + static_cast<int64_t>(done) * tick_us_;
       chunk.currents = currents ? currents->data() + done * frame : nullptr;
@@ -175,7 +175,7 @@ class BoundNetwork {
 
   int64_t* of_lanes(const Array<int64_t, 3>& array) const {
     require(array.shape(0) == array_->tiles_down() && array.shape(1) == array_->tiles_across() &&
-                array.shape(2) == kLanes,
+                array.shape(2) == TILE_LANES,
             "tile_moved must be of 16 pixels a tile");
     return array.data();
   }
@@ -306,7 +306,7 @@ void bind_network(nb::module_& m) {
            "    totals: (4,) uint32, those of all: spikes, pixels whose luminance was replaced,\n"
            "        whose X was clamped and whose V was clamped.")
       .def_prop_ro_static(
-          "group", [](nb::handle) { return kGroup; }, "The pixels of a group.")
+          "group", [](nb::handle) { return TILE_GROUP; }, "The pixels of a group.")
       .def_prop_ro(
           "constant_bytes", [](const DeviceConstants& constants) { return constants.bytes(); },
           "Bytes of what stays.");

@@ -47,9 +47,9 @@ BoundReadout* make_readout(int width, int height, double latency_us, double late
   require(scan_us > 0 && settings.rate.period_us > 0, "periods are over 0");
   require(order == "ideal" || order == "arbiter" || order == "scan",
           "the order is ideal, arbiter or scan");
-  settings.order = order == "arbiter" ? ReadoutOrder::arbiter
-                   : order == "scan"  ? ReadoutOrder::scan
-                                      : ReadoutOrder::ideal;
+  settings.order = order == "arbiter" ? ReadoutOrder::ARBITER
+                   : order == "scan"  ? ReadoutOrder::SCAN
+                                      : ReadoutOrder::IDEAL;
   require(arbiter.phase_ns >= 0 && arbiter.phase_ns < 1000, "a phase is within a us");
   require(scan_from == "left" || scan_from == "right", "a scan begins at the left or the right");
   require(scan.every > 0 && scan.events >= 0 && scan.column_ns >= 0, "a scan goes forward");
@@ -59,9 +59,9 @@ BoundReadout* make_readout(int width, int height, double latency_us, double late
   scan.from_right = scan_from == "right";
   require(erc_drop == "time" || erc_drop == "row" || erc_drop == "column",
           "the rate control drops in time, by row or by column");
-  settings.rate.drop = erc_drop == "row"      ? ErcDrop::row
-                       : erc_drop == "column" ? ErcDrop::column
-                                              : ErcDrop::time;
+  settings.rate.drop = erc_drop == "row"      ? ErcDrop::ROW
+                       : erc_drop == "column" ? ErcDrop::COLUMN
+                                              : ErcDrop::TIME;
   settings.link.stamp_sent = stamp == "sent";
   if (fates) {
     require(fates->shape(0) == static_cast<size_t>(height) &&
@@ -69,7 +69,7 @@ BoundReadout* make_readout(int width, int height, double latency_us, double late
             "the pixels' fates are (height, width)");
     settings.fates.assign(fates->data(), fates->data() + fates->size());
     for (uint8_t fate : settings.fates) {
-      require(fate == DropRoi || fate == DropMask || fate == kKept,
+      require(fate == DROP_ROI || fate == DROP_MASK || fate == KEPT,
               "a pixel's fate is 0, 1 or 255");
     }
   }

@@ -64,8 +64,8 @@ PixelSettings settings_from(const Fields& field) {
   field("seed", seed);
   settings.map = make_log_map(log, exposure_dn, dark_dn, linlog_dn, log_eps);
   settings.running_mean = settings.least_gain > 0.0f;
-  settings.shot.key = hash(seed, kTermShot + 1);
-  settings.photon.key = hash(seed, kTermPhotonNoise + 1);
+  settings.shot.key = hash(seed, TERM_SHOT + 1);
+  settings.photon.key = hash(seed, TERM_PHOTON_NOISE + 1);
   return settings;
 }
 

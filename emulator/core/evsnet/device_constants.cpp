@@ -11,7 +11,7 @@ namespace evs {
 // Regroup the filters: the weights of all outputs for an input and a tap lie together.
 DeviceConstants::DeviceConstants(const NetworkArray& array) : array_(array) {
   const Network& net = array.settings().network;
-  const size_t channels = static_cast<size_t>(net.channels), taps = kTaps;
+  const size_t channels = static_cast<size_t>(net.channels), taps = FIFO_TAPS;
   const size_t stride = static_cast<size_t>(output_stride(net.channels));
   const float* from = net.weights;
   for (size_t k = 0; k < static_cast<size_t>(net.convolutions()); k++) {
@@ -51,8 +51,8 @@ DeviceNetwork DeviceConstants::lay_out(DeviceBlock& block) const {
   net.delays = block.put(net.delays, static_cast<size_t>(net.blocks));
   net.pointwise = block.put(net.pointwise, static_cast<size_t>(net.channels));
   device.bilif = settings.bilif;
-  device.bilif.decay_low = block.put(device.bilif.decay_low, kDecayLow);
-  device.bilif.decay_high = block.put(device.bilif.decay_high, kDecayHigh);
+  device.bilif.decay_low = block.put(device.bilif.decay_low, DECAY_LOW);
+  device.bilif.decay_high = block.put(device.bilif.decay_high, DECAY_HIGH);
   device.map = settings.map;
   device.unusable_from = array_.unusable_from();
   device.dense = settings.dense ? 1 : 0;
@@ -101,7 +101,7 @@ void run_network_kernel(const std::string& kernel, size_t blocks, size_t threads
   } else if (kernel == "sum_groups") {
     for_threads([&](size_t i) { network_device::sum_group(net, i); });
   } else if (scans) {
-    if (threads != kScanThreads) throw std::invalid_argument("a scan has 1024 threads");
+    if (threads != SCAN_THREADS) throw std::invalid_argument("a scan has 1024 threads");
     ScanSums<uint32_t> sums;
     for (size_t kind = 0; kind < blocks; kind++) network_device::scan_groups_of(net, kind, sums);
   } else if (kernel == "write_crossings") {

@@ -14,15 +14,15 @@
 namespace evs {
 
 // Pixels whose spikes are counted together.
-inline constexpr size_t kGroup = 32;
+inline constexpr size_t TILE_GROUP = 32;
 // What a pixel did in a tick, as bits: its spikes, 0 ... 64, and these.
-inline constexpr uint32_t kSpikeBits = 0x7f;
-inline constexpr uint32_t kOnBit = 0x80;
-inline constexpr uint32_t kClampedBit = 0x100;
-inline constexpr uint32_t kXClampedBit = 0x200;
-inline constexpr uint32_t kVClampedBit = 0x400;
+inline constexpr uint32_t SPIKE_BITS = 0x7f;
+inline constexpr uint32_t ON_BIT = 0x80;
+inline constexpr uint32_t CLAMPED_BIT = 0x100;
+inline constexpr uint32_t X_CLAMPED_BIT = 0x200;
+inline constexpr uint32_t V_CLAMPED_BIT = 0x400;
 // What is counted of a group: spikes, then pixels with each of the last three bits.
-inline constexpr int kGroupCounts = 4;
+inline constexpr int GROUP_COUNTS = 4;
 
 // Of pixels, all in row-major order.
 struct DeviceNetworkArrays {
@@ -54,7 +54,7 @@ struct DeviceNetwork {
   DeviceNetworkArrays arrays;
 
   EVS_ALWAYS_INLINE size_t pixels() const { return width * height; }
-  EVS_ALWAYS_INLINE size_t groups() const { return (pixels() + kGroup - 1) / kGroup; }
+  EVS_ALWAYS_INLINE size_t groups() const { return (pixels() + TILE_GROUP - 1) / TILE_GROUP; }
 };
 
 // Outputs that lie together: channels, filled up with filters of zeros to four.

@@ -29,7 +29,7 @@ struct alignas(16) FourWeights {
 
 // The FIFOs of a pixel in a tick. Tap 6 is the tick itself.
 struct PixelFifo {
-  float* tap[kFifoTicks];  // of its first feature, six ticks ago ... one tick ago
+  float* tap[FIFO_TICKS];  // of its first feature, six ticks ago ... one tick ago
   size_t stride;           // from feature to feature
 
   EVS_INLINE size_t place(int feature) const { return stride * static_cast<size_t>(feature); }
@@ -39,7 +39,7 @@ struct PixelFifo {
   EVS_INLINE const float* ago(int ticks) const {
     const float* found = tap[0];
     EVS_UNROLL(6)
-    for (int j = 1; j < kFifoTicks; j++) found = kFifoTicks - j == ticks ? tap[j] : found;
+    for (int j = 1; j < FIFO_TICKS; j++) found = FIFO_TICKS - j == ticks ? tap[j] : found;
     return found;
   }
 };
@@ -49,8 +49,8 @@ EVS_INLINE PixelFifo fifo_of(const DeviceNetwork& net, int64_t tick, size_t pixe
   fifo.stride = net.pixels();
   const size_t slot = fifo.stride * static_cast<size_t>(net.network.features());
   EVS_UNROLL(6)
-  for (int j = 0; j < kFifoTicks; j++) {
-    fifo.tap[j] = net.arrays.fifo + static_cast<size_t>((tick + j) % kFifoTicks) * slot + pixel;
+  for (int j = 0; j < FIFO_TICKS; j++) {
+    fifo.tap[j] = net.arrays.fifo + static_cast<size_t>((tick + j) % FIFO_TICKS) * slot + pixel;
   }
   return fifo;
 }
@@ -69,8 +69,8 @@ EVS_INLINE void convolve_outputs(const float* weights, const float* biases, int 
   for (int i = 0; i < (INPUTS > 0 ? INPUTS : inputs); i++) {
     const size_t place = fifo.place(first + i);
     EVS_UNROLL(7)
-    for (int j = 0; j < kTaps; j++) {
-      const float x = j < kFifoTicks ? fifo.tap[j][place] : now[i];
+    for (int j = 0; j < FIFO_TAPS; j++) {
+      const float x = j < FIFO_TICKS ? fifo.tap[j][place] : now[i];
       EVS_UNROLL(2)
       for (int q = 0; q < N; q += 4) {
         const FourWeights four = *reinterpret_cast<const FourWeights*>(line + q);
@@ -118,9 +118,9 @@ EVS_INLINE float infer_pixel(const DeviceNetwork& device, int64_t tick, size_t p
                           for (int n = 0; n < count; n++) outer[o + n] = wide_relu(sum[n]);
                         });
   fifo.push(0, x);
-  weights += stride * kTaps;
+  weights += stride * FIFO_TAPS;
   biases += stride;
-  const int line = channels * stride * kTaps;
+  const int line = channels * stride * FIFO_TAPS;
   // residual blocks: h(i) = ReLU[h(i-1) + Conv1d(ReLU[Conv1d(h(i-1))])]
   EVS_UNROLL(1)
   for (int b = 0; b < net.blocks; b++) {
@@ -173,15 +173,15 @@ EVS_INLINE void step_pixel(const DeviceNetwork& net, int64_t tick, const float* 
       static_cast<uint32_t>(as_int(now).v) >= net.unusable_from) {
     Float last_log = load(arrays.last_log + pixel);
     const float dn = to_dn(net.map, now.v);
-    const float part = log_part<LogKind::linlog>(net.map, dn);
+    const float part = log_part<LogKind::LINLOG>(net.map, dn);
     const LogDelta delta =
         log_delta_lanes(net.map, now, splat(dn), splat(part), inside, last_luminance, last_log);
     store(arrays.last_luminance + pixel, last_luminance);
     store(arrays.last_log + pixel, last_log);
     x = delta.x;
     if (any(delta.nonzero)) arrays.moved[pixel] = moved = tick;
-    if (!any(delta.usable)) marks |= kClampedBit;
-    if (!any(delta.unclamped)) marks |= kXClampedBit;
+    if (!any(delta.usable)) marks |= CLAMPED_BIT;
+    if (!any(delta.unclamped)) marks |= X_CLAMPED_BIT;
   }
   // I, while something of X is left
   Float current = splat(0.0f);
@@ -196,10 +196,10 @@ EVS_INLINE void step_pixel(const DeviceNetwork& net, int64_t tick, const float* 
   if (integrate_and_fire_lanes(net.bilif, current, 0, inside, v, last_active, fired)) {
     store(arrays.v + pixel, v);
     arrays.last[pixel] = tick;
-    if (any(fired.clamped)) marks |= kVClampedBit;
+    if (any(fired.clamped)) marks |= V_CLAMPED_BIT;
     if (any(fired.on | fired.off)) {
       store(arrays.leaked + pixel, fired.leaked);
-      marks |= static_cast<uint32_t>(truncate(fired.count).v) | (any(fired.on) ? kOnBit : 0u);
+      marks |= static_cast<uint32_t>(truncate(fired.count).v) | (any(fired.on) ? ON_BIT : 0u);
     }
   }
   arrays.marks[pixel] = static_cast<uint16_t>(marks);
@@ -209,17 +209,17 @@ EVS_INLINE void step_pixel(const DeviceNetwork& net, int64_t tick, const float* 
 EVS_INLINE void sum_group(const DeviceNetwork& net, size_t group) {
   const size_t groups = net.groups();
   if (group >= groups) return;
-  const size_t first = group * kGroup, left = net.pixels() - first;
-  uint32_t sums[kGroupCounts] = {};
-  for (size_t i = 0; i < (left < kGroup ? left : kGroup); i++) {
+  const size_t first = group * TILE_GROUP, left = net.pixels() - first;
+  uint32_t sums[GROUP_COUNTS] = {};
+  for (size_t i = 0; i < (left < TILE_GROUP ? left : TILE_GROUP); i++) {
     const uint32_t marks = net.arrays.marks[first + i];
-    sums[0] += marks & kSpikeBits;
-    sums[1] += (marks & kClampedBit) != 0 ? 1u : 0u;
-    sums[2] += (marks & kXClampedBit) != 0 ? 1u : 0u;
-    sums[3] += (marks & kVClampedBit) != 0 ? 1u : 0u;
+    sums[0] += marks & SPIKE_BITS;
+    sums[1] += (marks & CLAMPED_BIT) != 0 ? 1u : 0u;
+    sums[2] += (marks & X_CLAMPED_BIT) != 0 ? 1u : 0u;
+    sums[3] += (marks & V_CLAMPED_BIT) != 0 ? 1u : 0u;
   }
   EVS_UNROLL(4)
-  for (size_t k = 0; k < kGroupCounts; k++) net.arrays.groups[k * groups + group] = sums[k];
+  for (size_t k = 0; k < GROUP_COUNTS; k++) net.arrays.groups[k * groups + group] = sums[k];
 }
 
 // Sum the counts of one kind of the groups before each, by all threads of a scan.
@@ -233,17 +233,17 @@ EVS_INLINE void scan_groups_of(const DeviceNetwork& net, size_t kind, ScanSums<u
 EVS_INLINE void write_crossings_of(const DeviceNetwork& net, Crossing* crossings, size_t pixel) {
   if (pixel >= net.pixels()) return;
   const uint32_t marks = net.arrays.marks[pixel];
-  const int count = static_cast<int>(marks & kSpikeBits);
+  const int count = static_cast<int>(marks & SPIKE_BITS);
   if (count == 0) return;
-  const size_t group = pixel / kGroup;
+  const size_t group = pixel / TILE_GROUP;
   size_t at = net.arrays.groups[group];
-  for (size_t i = group * kGroup; i < pixel; i++) at += net.arrays.marks[i] & kSpikeBits;
-  const bool on = (marks & kOnBit) != 0;
+  for (size_t i = group * TILE_GROUP; i < pixel; i++) at += net.arrays.marks[i] & SPIKE_BITS;
+  const bool on = (marks & ON_BIT) != 0;
   const double threshold = on ? net.bilif.v_on : -net.bilif.v_off;
   const double leaked = net.arrays.leaked[pixel], current = net.arrays.current[pixel];
   for (int n = 1; n <= count; n++) {
     const uint32_t stamp = spike_time(leaked, current, threshold, n, net.tick_us);
-    crossings[at++] = {static_cast<uint32_t>(pixel), (stamp << kTagBits) | (on ? 1u : 0u)};
+    crossings[at++] = {static_cast<uint32_t>(pixel), (stamp << TAG_BITS) | (on ? 1u : 0u)};
   }
 }
 
@@ -254,12 +254,12 @@ EVS_INLINE void copy_fifos(const DeviceNetwork& net, const int32_t* tile_row, fl
                            size_t pixel) {
   if (pixel >= net.pixels()) return;
   const size_t x = pixel % net.width, y = pixel / net.width;
-  const size_t across = (net.width + kTileSide - 1) / kTileSide;
-  const int32_t row = tile_row[y / kTileSide * across + x / kTileSide];
+  const size_t across = (net.width + TILE_SIDE - 1) / TILE_SIDE;
+  const int32_t row = tile_row[y / TILE_SIDE * across + x / TILE_SIDE];
   if (TO_ROWS && row < 0) return;
-  const size_t lane = y % kTileSide * kTileSide + x % kTileSide;
+  const size_t lane = y % TILE_SIDE * TILE_SIDE + x % TILE_SIDE;
   const size_t floats = static_cast<size_t>(net.network.fifo_floats());
-  float* line = row < 0 ? nullptr : rows + (static_cast<size_t>(row) * kLanes + lane) * floats;
+  float* line = row < 0 ? nullptr : rows + (static_cast<size_t>(row) * TILE_LANES + lane) * floats;
   for (size_t i = 0; i < floats; i++) {
     float& here = net.arrays.fifo[i * net.pixels() + pixel];
     if (TO_ROWS) {

@@ -17,8 +17,8 @@ namespace {
 // add the inputs one after another, each from its oldest tap on, with one std::fma a term. So an
 // output does not depend on what is computed beside it.
 
-constexpr int SLOT = kLanes;
-constexpr int FEATURE = kSlots * kLanes;
+constexpr int SLOT = TILE_LANES;
+constexpr int FEATURE = SLOTS * TILE_LANES;
 
 // Prefetches the FIFOs of the next pixels line by line while the current ones are computed. All at
 // once, the loads would wait for each other.
@@ -29,13 +29,13 @@ struct Prefetcher {
 
   EVS_INLINE void lines(int count) {
     const int floats = job.network->fifo_floats();
-    for (int i = 0; i < count && pixel < kLanes; i++) {
+    for (int i = 0; i < count && pixel < TILE_LANES; i++) {
       __builtin_prefetch(job.next_fifo[pixel] + at, 1, 2);
       at += SLOT;
       if (at >= floats) at = 0, pixel++;
     }
   }
-  EVS_INLINE void rest() { lines(kLanes * job.network->fifo_floats()); }
+  EVS_INLINE void rest() { lines(TILE_LANES * job.network->fifo_floats()); }
 };
 
 struct Convolution {
@@ -54,7 +54,7 @@ struct Convolution {
 template <int INPUTS, int N, int T>
 EVS_INLINE void convolve_block(const Convolution& c, int o, int t, int lane) {
   const int inputs = INPUTS > 0 ? INPUTS : c.inputs;
-  const int line = inputs * kTaps;
+  const int line = inputs * FIFO_TAPS;
   const float* weights = c.weights + o * line;
   const float* in = c.in + t * SLOT + lane;
   // start from the bias
@@ -67,7 +67,7 @@ EVS_INLINE void convolve_block(const Convolution& c, int o, int t, int lane) {
   // add the taps of each input
   for (int i = 0; i < inputs; i++) {
 #pragma GCC unroll 8
-    for (int j = 0; j < kTaps; j++) {
+    for (int j = 0; j < FIFO_TAPS; j++) {
       Wide x[T];
 #pragma GCC unroll 8
       for (int k = 0; k < T; k++) x[k] = wide_load(in + (j + k) * SLOT);
@@ -78,13 +78,13 @@ EVS_INLINE void convolve_block(const Convolution& c, int o, int t, int lane) {
         for (int k = 0; k < T; k++) sum[n][k] = wide_fma(weight, x[k], sum[n][k]);
       }
     }
-    weights += kTaps;
+    weights += FIFO_TAPS;
     in += FEATURE;
   }
   // add the residual, rectify, store
 #pragma GCC unroll 8
   for (int n = 0; n < N; n++) {
-    float* out = c.out + (o + n) * FEATURE + (kFifoTicks + t) * SLOT + lane;
+    float* out = c.out + (o + n) * FEATURE + (FIFO_TICKS + t) * SLOT + lane;
 #pragma GCC unroll 8
     for (int k = 0; k < T; k++) {
       Wide value = sum[n][k];
@@ -100,7 +100,7 @@ EVS_INLINE void convolve_block(const Convolution& c, int o, int t, int lane) {
 template <int INPUTS, int N, int T>
 EVS_INLINE void convolve_lanes(const Convolution& c, int o, int t, Prefetcher& prefetcher) {
   prefetcher.lines(16);
-  for (int lane = 0; lane < kLanes; lane += WIDE) convolve_block<INPUTS, N, T>(c, o, t, lane);
+  for (int lane = 0; lane < TILE_LANES; lane += WIDE) convolve_block<INPUTS, N, T>(c, o, t, lane);
 }
 
 // N outputs in all ticks of the segment.
@@ -201,7 +201,7 @@ EVS_INLINE void transpose_16x16(const From& from, const To& to) {
 // The same for any number of rows and columns up to 16.
 template <class From, class To>
 EVS_INLINE void transpose(const From& from, const To& to, int rows, int columns) {
-  if (rows == kLanes && columns == kLanes) return transpose_16x16(from, to);
+  if (rows == TILE_LANES && columns == TILE_LANES) return transpose_16x16(from, to);
   for (int i = 0; i < rows; i++) {
     for (int k = 0; k < columns; k++) to(k)[i] = from(i)[k];
   }
@@ -210,9 +210,10 @@ EVS_INLINE void transpose(const From& from, const To& to, int rows, int columns)
 // Call move(first, count) for blocks of up to 16 of the floats [first, first + count) of the FIFOs.
 template <class Move>
 EVS_INLINE void for_each_block(int first, int count, const Move& move) {
-  if (count < kLanes) return move(first, count);
-  for (int at = 0; at < count; at += kLanes) {
-    move(first + (at + kLanes <= count ? at : count - kLanes), kLanes);  // the last one may overlap
+  if (count < TILE_LANES) return move(first, count);
+  for (int at = 0; at < count; at += TILE_LANES) {
+    move(first + (at + TILE_LANES <= count ? at : count - TILE_LANES),
+         TILE_LANES);  // the last one may overlap
   }
 }
 
@@ -220,7 +221,7 @@ EVS_INLINE void for_each_block(int first, int count, const Move& move) {
 EVS_INLINE void load_fifos(const InferenceJob& job) {
   for_each_block(0, job.network->fifo_floats(), [&](int at, int count) {
     transpose([&](int i) { return job.fifo[i] + at; },
-              [&](int k) { return job.scratch + job.load_places[at + k]; }, kLanes, count);
+              [&](int k) { return job.scratch + job.load_places[at + k]; }, TILE_LANES, count);
   });
 }
 
@@ -229,7 +230,7 @@ EVS_INLINE void shift_fifos(const InferenceJob& job, int ticks) {
   const int features = job.network->features();
   for (int f = 0; f < features; f++) {
     float* slots = job.scratch + static_cast<size_t>(f) * FEATURE;
-    for (int at = 0; at < kFifoTicks * SLOT; at += LANES) {
+    for (int at = 0; at < FIFO_TICKS * SLOT; at += LANES) {
       store(slots + at, load(slots + ticks * SLOT + at));
     }
   }
@@ -240,12 +241,12 @@ EVS_INLINE void store_fifos(const InferenceJob& job, int ticks) {
   const float* scratch = job.scratch + ticks * SLOT;
   auto write = [&](int at, int count) {
     transpose([&](int k) { return scratch + job.store_places[at + k]; },
-              [&](int i) { return job.fifo[i] + at; }, count, kLanes);
+              [&](int i) { return job.fifo[i] + at; }, count, TILE_LANES);
   };
   const int features = job.network->features();
-  if (job.ticks >= kFifoTicks) return for_each_block(0, kFifoTicks * features, write);
+  if (job.ticks >= FIFO_TICKS) return for_each_block(0, FIFO_TICKS * features, write);
   for (int t = 0; t < job.ticks; t++) {
-    for_each_block(static_cast<int>((job.tick + t) % kFifoTicks) * features, features, write);
+    for_each_block(static_cast<int>((job.tick + t) % FIFO_TICKS) * features, features, write);
   }
 }
 
@@ -258,24 +259,24 @@ EVS_INLINE void infer_segment(const InferenceJob& job, int from, int ticks,
     return job.scratch + static_cast<size_t>(net.first_feature(k)) * FEATURE;
   };
   // shift the windows, append X
-  if (from > 0) shift_fifos(job, kSegment);
+  if (from > 0) shift_fifos(job, SEGMENT);
   for (int t = 0; t < ticks; t++) {
-    float* x = job.scratch + (kFifoTicks + t) * SLOT;
-    for (int i = 0; i < kLanes; i++) x[i] = job.x[i][(from + t) * kLanes];
+    float* x = job.scratch + (FIFO_TICKS + t) * SLOT;
+    for (int i = 0; i < TILE_LANES; i++) x[i] = job.x[i][(from + t) * TILE_LANES];
   }
   // encoder: h(0) = ReLU[Conv1d(X)]
   const float* weights = net.weights;
   const float* biases = net.biases;
   convolve({weights, biases, channels, 1, inputs_of(0), inputs_of(1), nullptr, ticks}, prefetcher);
-  weights += channels * kTaps;
+  weights += channels * FIFO_TAPS;
   biases += channels;
-  const int line = channels * channels * kTaps;
+  const int line = channels * channels * FIFO_TAPS;
   // residual blocks: h(i) = ReLU[h(i-1) + Conv1d(ReLU[Conv1d(h(i-1))])]
   for (int b = 0; b < net.blocks; b++) {
     const int k = 1 + 2 * b;
     convolve({weights, biases, channels, channels, inputs_of(k), inputs_of(k + 1), nullptr, ticks},
              prefetcher);
-    const float* residual = inputs_of(k) + (kFifoTicks - net.delays[b]) * SLOT;
+    const float* residual = inputs_of(k) + (FIFO_TICKS - net.delays[b]) * SLOT;
     convolve({weights + line, biases + channels, channels, channels, inputs_of(k + 1),
               inputs_of(k + 2), residual, ticks},
              prefetcher);
@@ -284,9 +285,9 @@ EVS_INLINE void infer_segment(const InferenceJob& job, int from, int ticks,
   }
 
   // point-wise convolution: I
-  const float* top = inputs_of(net.convolutions()) + kFifoTicks * SLOT;
-  alignas(64) float current[kSegment * kLanes];
-  for (int at = 0; at < ticks * kLanes; at += WIDE) {
+  const float* top = inputs_of(net.convolutions()) + FIFO_TICKS * SLOT;
+  alignas(64) float current[SEGMENT * TILE_LANES];
+  for (int at = 0; at < ticks * TILE_LANES; at += WIDE) {
     Wide sum = wide(net.pointwise_bias);
     for (int c = 0; c < channels; c++) {
       sum = wide_fma(wide(net.pointwise[c]), wide_load(top + c * FEATURE + at), sum);
@@ -294,8 +295,9 @@ EVS_INLINE void infer_segment(const InferenceJob& job, int from, int ticks,
     wide_store(current + at, sum);
   }
   // write I to each pixel
-  for (int i = 0; i < kLanes; i++) {
-    for (int t = 0; t < ticks; t++) job.current[i][(from + t) * kLanes] = current[t * kLanes + i];
+  for (int i = 0; i < TILE_LANES; i++) {
+    for (int t = 0; t < ticks; t++)
+      job.current[i][(from + t) * TILE_LANES] = current[t * TILE_LANES + i];
   }
 }
 
@@ -304,8 +306,7 @@ void infer(const InferenceJob& job) {
   load_fifos(job);
   Prefetcher prefetcher{job};
   int from = 0;
-  for (; from + kSegment < job.ticks; from += kSegment)
-    infer_segment(job, from, kSegment, prefetcher);
+  for (; from + SEGMENT < job.ticks; from += SEGMENT) infer_segment(job, from, SEGMENT, prefetcher);
   infer_segment(job, from, job.ticks - from, prefetcher);
   prefetcher.rest();
   store_fifos(job, job.ticks - from);

@@ -15,7 +15,7 @@ EVS_INLINE Wide wide(float a) { return _mm512_set1_ps(a); }
 EVS_INLINE Wide wide_fma(Wide a, Wide b, Wide c) { return _mm512_fmadd_ps(a, b, c); }
 // ReLU, clamped to the largest float: never -0, NaN or Inf
 EVS_INLINE Wide wide_relu(Wide a) {
-  return _mm512_min_ps(_mm512_max_ps(a, wide(0.0f)), wide(kLargest));
+  return _mm512_min_ps(_mm512_max_ps(a, wide(0.0f)), wide(LARGEST));
 }
 // register block: outputs times ticks, or more outputs where few ticks are left
 constexpr int OUTPUTS = 4, TICKS = 4, OUTPUTS_ALONE = 8;
@@ -26,7 +26,7 @@ EVS_INLINE Wide wide(float a) { return a; }
 EVS_INLINE Wide wide_fma(Wide a, Wide b, Wide c) { return __builtin_fmaf(a, b, c); }
 EVS_INLINE Wide wide_relu(Wide a) {
   a = a > 0.0f ? a : 0.0f;
-  return a < kLargest ? a : kLargest;
+  return a < LARGEST ? a : LARGEST;
 }
 #else
 using Wide = FloatPart;
@@ -49,7 +49,7 @@ EVS_INLINE Wide wide_fma(Wide a, Wide b, Wide c) {
 #endif
 EVS_INLINE Wide wide_relu(Wide a) {
   a = a > wide(0.0f) ? a : wide(0.0f);
-  return a < wide(kLargest) ? a : wide(kLargest);
+  return a < wide(LARGEST) ? a : wide(LARGEST);
 }
 #endif
 
@@ -78,14 +78,14 @@ EVS_INLINE LogDelta log_delta_lanes(const LogMap& map, Float luminance, Float dn
                                     Mask inside, Float& last_luminance, Float& last_log) {
   LogDelta out;
   // map to log intensity, as is_usable and with_log_part; unusable light keeps the last one
-  out.usable = (luminance > -kBlack) & (dn <= kLargest);
+  out.usable = (luminance > -BLACK) & (dn <= LARGEST);
   const Float below = min(dn * splat(map.slope), splat(map.ln_knee));
   const Float log_now = select(dn >= map.knee, part, below);
   const Float new_log = select(out.usable, log_now, last_log);
   // difference and clamp; the first light only sets L_log
   const Mask known = (last_log <= 0.0f) | (last_log >= 0.0f);
   const Float delta = select(known & inside, new_log - last_log, splat(0.0f));
-  out.x = min(max(delta, splat(-kLargestX)), splat(kLargestX));
+  out.x = min(max(delta, splat(-LARGEST_X)), splat(LARGEST_X));
   out.nonzero = ~((out.x <= 0.0f) & (out.x >= 0.0f));
   out.unclamped = (out.x <= delta) & (delta <= out.x);
   last_log = new_log;
@@ -114,9 +114,9 @@ EVS_INLINE Mask at_threshold(Float v, const BiLif& unit) {
 EVS_INLINE Float leak(Float v, Int gap, Mask active, const BiLif& unit) {
   // nearly always one tick
   if (!any(active & ~(gap == splat(1)))) return v * unit.decay_low[1];
-  const Mask far = ~(gap < splat(kDecayLow * kDecayHigh));
+  const Mask far = ~(gap < splat(DECAY_LOW * DECAY_HIGH));
   const Int ticks = select(far | (gap < splat(0)), splat(0), gap);
-  const Float low = gather(unit.decay_low, ticks & splat(kDecayLow - 1));
+  const Float low = gather(unit.decay_low, ticks & splat(DECAY_LOW - 1));
   const Float high = gather(unit.decay_high, shift_right<8>(ticks));
   return select(far, splat(0.0f), v * low * high);
 }
@@ -139,8 +139,8 @@ struct Fired {
 
 // The tick `last`, counted from `tick`; older input has leaked away.
 EVS_INLINE int relative_tick(int64_t last, int64_t tick) {
-  constexpr int64_t kFar = kDecayLow * kDecayHigh;
-  const int64_t relative = last < tick - kFar ? -kFar : last - tick;
+  constexpr int64_t FAR_AWAY = DECAY_LOW * DECAY_HIGH;
+  const int64_t relative = last < tick - FAR_AWAY ? -FAR_AWAY : last - tick;
   return static_cast<int>(relative > 0 ? 0 : relative);
 }
 
@@ -156,8 +156,8 @@ EVS_INLINE bool integrate_and_fire_lanes(const BiLif& unit, Float current, int t
   // charge
   fired.leaked = leak(v, splat(t) - last_active, active, unit);
   const Float charged = fired.leaked + select(usable, current, splat(0.0f));
-  const Float v_charged = min(max(charged, splat(-kLargestV)), splat(kLargestV));
-  fired.clamped = active & (~usable | (abs(charged) > kLargestV));
+  const Float v_charged = min(max(charged, splat(-LARGEST_V)), splat(LARGEST_V));
+  fired.clamped = active & (~usable | (abs(charged) > LARGEST_V));
   // fire
   fired.on = active & (v_charged >= unit.v_on);
   fired.off = active & (v_charged <= -unit.v_off);

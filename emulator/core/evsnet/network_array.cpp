@@ -56,24 +56,25 @@ NetworkArray::NetworkArray(const NetworkSettings& settings, int width, int heigh
       unusable_from_(least_unusable(settings.map)),
       width_(static_cast<size_t>(width)),
       height_(static_cast<size_t>(height)),
-      across_((width_ + kTileSide - 1) / kTileSide),
-      down_((height_ + kTileSide - 1) / kTileSide),
+      across_((width_ + TILE_SIDE - 1) / TILE_SIDE),
+      down_((height_ + TILE_SIDE - 1) / TILE_SIDE),
       pool_(threads) {
   tiles_.resize(tiles());
   tile_rows_.resize(down_);
   auto floats = [](size_t count) { return Floats(new (std::align_val_t{64}) float[count]()); };
   for (int worker = 0; worker < pool_.threads(); worker++) {
-    workspaces_.push_back(
-        {floats(settings_.network.scratch_floats()), floats(across_ * kChunk * kLanes), {}});
+    workspaces_.push_back({floats(settings_.network.scratch_floats()),
+                           floats(across_ * TICK_CHUNK * TILE_LANES),
+                           {}});
   }
   load_places_.resize(static_cast<size_t>(settings_.network.fifo_floats()));
   store_places_.resize(load_places_.size());
 }
 
 TilePlace NetworkArray::place(size_t tile) const {
-  const size_t x = tile % across_ * kTileSide, y = tile / across_ * kTileSide;
-  return {y * width_ + x, width_, static_cast<int>(std::min<size_t>(kTileSide, width_ - x)),
-          static_cast<int>(std::min<size_t>(kTileSide, height_ - y))};
+  const size_t x = tile % across_ * TILE_SIDE, y = tile / across_ * TILE_SIDE;
+  return {y * width_ + x, width_, static_cast<int>(std::min<size_t>(TILE_SIDE, width_ - x)),
+          static_cast<int>(std::min<size_t>(TILE_SIDE, height_ - y))};
 }
 
 std::vector<EventBuffer> NetworkArray::step(NetworkArrays arrays, const NetworkChunk& chunk,
@@ -91,7 +92,7 @@ std::vector<EventBuffer> NetworkArray::step(NetworkArrays arrays, const NetworkC
   }
 
   // second pass: convolutions and BiLIF of the active tiles
-  for (int t = 0; t < chunk.ticks; t++) crossings_[t].resize(down_ * kTileSide);
+  for (int t = 0; t < chunk.ticks; t++) crossings_[t].resize(down_ * TILE_SIDE);
   if (chunk.currents != nullptr) {
     std::fill_n(chunk.currents, static_cast<size_t>(chunk.ticks) * job.frame, 0.0f);
   }
@@ -127,25 +128,25 @@ void NetworkArray::log_delta(const NetworkArrays& arrays, const LogDeltaJob& job
   const size_t first = down * across_;
   std::vector<uint32_t> changed(across_, 0);
   const int rows = place(first).rows;
-  kernel_->find_changes(job, down * kTileSide * width_, width_, rows, changed.data());
+  kernel_->find_changes(job, down * TILE_SIDE * width_, width_, rows, changed.data());
 
   // compute X of the tiles that change, and keep it where some X is not 0
-  const size_t floats = static_cast<size_t>(job.ticks) * kLanes;
+  const size_t floats = static_cast<size_t>(job.ticks) * TILE_LANES;
   size_t used = 0;
   for (size_t i = 0; i < across_; i++) {
     Tile& tile = tiles_[first + i];
     tile = {};
     tile.changed = changed[i];
-    int64_t* moved = arrays.tile_moved + (first + i) * kLanes;
+    int64_t* moved = arrays.tile_moved + (first + i) * TILE_LANES;
     if (arrays.tile_row[first + i] != -1) {
-      tile.last_moved = *std::max_element(moved, moved + kLanes);
+      tile.last_moved = *std::max_element(moved, moved + TILE_LANES);
     }
     if (tile.changed == 0) continue;
     if (row.x.size() < used + floats) row.x.resize(std::max(used + floats, 2 * row.x.size()));
     float* x = row.x.data() + used;
     tile.moved = kernel_->log_delta(job, place(first + i), tile.changed, x, moved, row.counts);
     if (tile.moved == 0) continue;
-    tile.x = static_cast<int32_t>(used / kLanes);
+    tile.x = static_cast<int32_t>(used / TILE_LANES);
     used += floats;
   }
 }
@@ -153,7 +154,7 @@ void NetworkArray::log_delta(const NetworkArrays& arrays, const LogDeltaJob& job
 // Find the active tiles and assign rows of FIFO memory. Out: rows needed.
 size_t NetworkArray::assign_rows(const NetworkArrays& arrays, const NetworkChunk& chunk) {
   const int64_t first = chunk.tick;
-  const int64_t past = settings_.network.past_ticks(), hold = past + kChunk;
+  const int64_t past = settings_.network.past_ticks(), hold = past + TICK_CHUNK;
   for (size_t index = 0; index < tiles(); index++) {
     Tile& tile = tiles_[index];
     const int64_t moved = tile.last_moved;
@@ -162,12 +163,12 @@ size_t NetworkArray::assign_rows(const NetworkArrays& arrays, const NetworkChunk
     if (settings_.dense) {
       if (!has_row) rows_.allocate(index, 0);
     } else if (has_row || tile.moved != 0) {
-      const int moves = std::countr_zero(tile.moved);  // first tick with X != 0, else kChunk
+      const int moves = std::countr_zero(tile.moved);  // first tick with X != 0, else TICK_CHUNK
       if (has_row && moved < first + chunk.ticks - hold) {
         const int released = moved < first - hold ? 0 : static_cast<int>(moved + hold - first);
         if (released < moves) {
           rows_.release(index, released);
-          if (moves < kChunk) rows_.allocate(index, moves);
+          if (moves < TICK_CHUNK) rows_.allocate(index, moves);
         }
       } else if (!has_row) {
         rows_.allocate(index, moves);
@@ -180,16 +181,16 @@ size_t NetworkArray::assign_rows(const NetworkArrays& arrays, const NetworkChunk
 // Map each float of a pixel's FIFOs to its place in scratch memory, before and after the chunk.
 void NetworkArray::map_fifo_slots(const NetworkChunk& chunk) {
   const int features = settings_.network.features();
-  for (int slot = 0; slot < kFifoTicks; slot++) {
+  for (int slot = 0; slot < FIFO_TICKS; slot++) {
     // the oldest tick is in the slot that is written next
     auto age = [&](int64_t next) {
-      return (slot - static_cast<int>(next % kFifoTicks) + kFifoTicks) % kFifoTicks;
+      return (slot - static_cast<int>(next % FIFO_TICKS) + FIFO_TICKS) % FIFO_TICKS;
     };
     const int before = age(chunk.tick), after = age(chunk.tick + chunk.ticks);
     for (int f = 0; f < features; f++) {
       const size_t at = static_cast<size_t>(slot * features + f);
-      load_places_[at] = (f * kSlots + before) * kLanes;
-      store_places_[at] = (f * kSlots + after) * kLanes;
+      load_places_[at] = (f * SLOTS + before) * TILE_LANES;
+      store_places_[at] = (f * SLOTS + after) * TILE_LANES;
     }
   }
 }
@@ -197,8 +198,8 @@ void NetworkArray::map_fifo_slots(const NetworkChunk& chunk) {
 // Collect the pixels in a row of tiles with an X != 0 in their receptive fields.
 void NetworkArray::collect_pixels(const NetworkArrays& arrays, const NetworkChunk& chunk,
                                   size_t down, Workspace& workspace) {
-  alignas(64) static constexpr float kZeroX[kChunk * kLanes] = {};
-  const size_t floats = static_cast<size_t>(chunk.ticks) * kLanes, first = down * across_;
+  alignas(64) static constexpr float ZERO_X[TICK_CHUNK * TILE_LANES] = {};
+  const size_t floats = static_cast<size_t>(chunk.ticks) * TILE_LANES, first = down * across_;
   const size_t fifo_floats = static_cast<size_t>(settings_.network.fifo_floats());
   const int64_t since = chunk.tick - settings_.network.past_ticks();
   float* current = workspace.current.get();
@@ -206,13 +207,14 @@ void NetworkArray::collect_pixels(const NetworkArrays& arrays, const NetworkChun
   for (size_t index = first; index < first + across_; index++) {
     const Tile& tile = tiles_[index];
     if (!tile.active) continue;
-    float* fifo = arrays.fifo + static_cast<size_t>(arrays.tile_row[index]) * kLanes * fifo_floats;
+    float* fifo =
+        arrays.fifo + static_cast<size_t>(arrays.tile_row[index]) * TILE_LANES * fifo_floats;
     const float* x =
-        tile.x < 0 ? kZeroX : tile_rows_[down].x.data() + static_cast<size_t>(tile.x) * kLanes;
-    const int64_t* moved = arrays.tile_moved + index * kLanes;
+        tile.x < 0 ? ZERO_X : tile_rows_[down].x.data() + static_cast<size_t>(tile.x) * TILE_LANES;
+    const int64_t* moved = arrays.tile_moved + index * TILE_LANES;
     const uint32_t lanes = place(index).lanes();
     std::fill_n(current, floats, 0.0f);
-    for (size_t lane = 0; lane < kLanes; lane++) {
+    for (size_t lane = 0; lane < TILE_LANES; lane++) {
       const bool active = settings_.dense || moved[lane] >= since;
       if (!active || (lanes >> lane & 1) == 0) continue;
       workspace.pixels.push_back({fifo + lane * fifo_floats, x + lane, current + lane});
@@ -231,13 +233,13 @@ void NetworkArray::infer(const NetworkChunk& chunk, const Workspace& workspace) 
   job.tick = chunk.tick;
   job.ticks = chunk.ticks;
   const std::vector<Pixel>& pixels = workspace.pixels;
-  for (size_t at = 0; at < pixels.size(); at += kLanes) {
-    for (size_t i = 0; i < kLanes; i++) {
+  for (size_t at = 0; at < pixels.size(); at += TILE_LANES) {
+    for (size_t i = 0; i < TILE_LANES; i++) {
       const Pixel& pixel = pixels[std::min(at + i, pixels.size() - 1)];
       job.fifo[i] = pixel.fifo;
       job.x[i] = pixel.x;
       job.current[i] = pixel.current;
-      job.next_fifo[i] = pixels[std::min(at + kLanes + i, pixels.size() - 1)].fifo;
+      job.next_fifo[i] = pixels[std::min(at + TILE_LANES + i, pixels.size() - 1)].fifo;
     }
     kernel_->infer(job);
   }
@@ -246,10 +248,10 @@ void NetworkArray::infer(const NetworkChunk& chunk, const Workspace& workspace) 
 // Integrate the currents of a row of tiles and collect the threshold crossings.
 void NetworkArray::integrate_and_fire(const NetworkArrays& arrays, const NetworkChunk& chunk,
                                       size_t down, const Workspace& workspace) {
-  alignas(64) static constexpr float kNoCurrent[kChunk * kLanes] = {};
-  const size_t floats = static_cast<size_t>(chunk.ticks) * kLanes, first = down * across_;
+  alignas(64) static constexpr float NO_CURRENT[TICK_CHUNK * TILE_LANES] = {};
+  const size_t floats = static_cast<size_t>(chunk.ticks) * TILE_LANES, first = down * across_;
   for (int t = 0; t < chunk.ticks; t++) {
-    for (size_t r = 0; r < kTileSide; r++) crossings_[t][down * kTileSide + r].clear();
+    for (size_t r = 0; r < TILE_SIDE; r++) crossings_[t][down * TILE_SIDE + r].clear();
   }
   BiLifJob job;
   job.unit = &settings_.bilif;
@@ -262,7 +264,7 @@ void NetworkArray::integrate_and_fire(const NetworkArrays& arrays, const Network
     const bool active = tiles_[index].active;
     if (!active && arrays.tile_loud[index] == 0) continue;
     job.place = place(index);
-    job.current = active ? current : kNoCurrent;
+    job.current = active ? current : NO_CURRENT;
     if (active) current += floats;
     kernel_->integrate_and_fire(job);
     arrays.tile_loud[index] = job.at_threshold ? 1 : 0;
@@ -277,7 +279,7 @@ void NetworkArray::write_currents(const BiLifJob& job, float* currents) const {
   for (int t = 0; t < job.ticks; t++) {
     float* image = currents + static_cast<size_t>(t) * width_ * height_ + job.place.pixel;
     for (int r = 0; r < job.place.rows; r++) {
-      const float* line = job.current + (t * kTileSide + r) * kTileSide;
+      const float* line = job.current + (t * TILE_SIDE + r) * TILE_SIDE;
       std::copy_n(line, job.place.columns, image + static_cast<size_t>(r) * width_);
     }
   }
@@ -288,19 +290,19 @@ void NetworkArray::add_crossings(const BiLifJob& job, size_t down) {
   const double tick = static_cast<double>(settings_.tick_us);
   for (uint32_t ticks = job.fired; ticks != 0; ticks &= ticks - 1) {
     const int t = std::countr_zero(ticks);
-    std::vector<Crossing>* rows = crossings_[t].data() + down * kTileSide;
+    std::vector<Crossing>* rows = crossings_[t].data() + down * TILE_SIDE;
     for (uint32_t lanes = job.on[t] | job.off[t]; lanes != 0; lanes &= lanes - 1) {
       const int lane = std::countr_zero(lanes);
       const bool on = (job.on[t] >> lane & 1) != 0;
-      const double leaked = job.leaked[t * kLanes + lane];
-      const double current = job.current[t * kLanes + lane];
+      const double leaked = job.leaked[t * TILE_LANES + lane];
+      const double current = job.current[t * TILE_LANES + lane];
       const double threshold = on ? settings_.bilif.v_on : -settings_.bilif.v_off;
-      const int count = static_cast<int>(job.count[t * kLanes + lane]);
-      const size_t row = static_cast<size_t>(lane / kTileSide);
-      const size_t pixel = job.place.pixel + row * width_ + static_cast<size_t>(lane % kTileSide);
+      const int count = static_cast<int>(job.count[t * TILE_LANES + lane]);
+      const size_t row = static_cast<size_t>(lane / TILE_SIDE);
+      const size_t pixel = job.place.pixel + row * width_ + static_cast<size_t>(lane % TILE_SIDE);
       for (int n = 1; n <= count; n++) {
         const uint32_t stamp = spike_time(leaked, current, threshold, n, tick);
-        rows[row].push_back({static_cast<uint32_t>(pixel), (stamp << kTagBits) | (on ? 1u : 0u)});
+        rows[row].push_back({static_cast<uint32_t>(pixel), (stamp << TAG_BITS) | (on ? 1u : 0u)});
       }
     }
   }

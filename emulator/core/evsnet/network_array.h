@@ -21,9 +21,9 @@ namespace evs {
 // Allocation of FIFO memory: which row belongs to which tile.
 //
 // A tile is given the lowest free row in the tick in which its X becomes non-zero, and releases it
-// kChunk ticks after its FIFOs are empty, so that a row released in a chunk holds zeros from the
-// start of the chunk on. In each tick rows are allocated first and then released, both in the order
-// of the tiles. So the assignment depends on the light alone, not on chunks or threads.
+// TICK_CHUNK ticks after its FIFOs are empty, so that a row released in a chunk holds zeros from
+// the start of the chunk on. In each tick rows are allocated first and then released, both in the
+// order of the tiles. So the assignment depends on the light alone, not on chunks or threads.
 class FifoRows {
  public:
   // Start a chunk. In: `rows` in memory; `row` of each tile, -1 for none. Throws
@@ -53,7 +53,7 @@ class FifoRows {
   // Carry out the requests. In/out: `row` of each tile. Out: rows needed in memory.
   size_t commit(int32_t* row) {
     if (!pending_) return end_;
-    for (int t = 0; t < kChunk; t++) {
+    for (int t = 0; t < TICK_CHUNK; t++) {
       for (int32_t tile : allocations_[t]) row[tile] = allocate_lowest();
       for (int32_t tile : releases_[t]) {
         const size_t at = static_cast<size_t>(row[tile]);
@@ -87,7 +87,7 @@ class FifoRows {
   size_t lowest_word_ = 0;      // no word before it has a free row
   size_t end_ = 0;              // one past the highest row used in this chunk
   bool pending_ = false;
-  std::vector<int32_t> allocations_[kChunk], releases_[kChunk];
+  std::vector<int32_t> allocations_[TICK_CHUNK], releases_[TICK_CHUNK];
 };
 
 // The kernels of an instruction set; "auto" is the best that this machine runs. Throws
@@ -117,7 +117,7 @@ struct NetworkArrays {
 
 struct NetworkChunk {
   const float* luminance = nullptr;  // (ticks, h, w)
-  int ticks = 0;                     // 1 ... kChunk
+  int ticks = 0;                     // 1 ... TICK_CHUNK
   int64_t tick = 0;                  // number of the first tick
   int64_t begin_us = 0;
   float* currents = nullptr;  // Out: (ticks, h, w); null if not wanted
@@ -204,9 +204,9 @@ class NetworkArray {
   FifoRows rows_;
   std::vector<Tile> tiles_;
   std::vector<TileRow> tile_rows_;
-  std::vector<int32_t> load_places_, store_places_;       // as in InferenceJob
-  std::vector<Workspace> workspaces_;                     // of each worker
-  std::vector<std::vector<Crossing>> crossings_[kChunk];  // of each tick and row of pixels
+  std::vector<int32_t> load_places_, store_places_;           // as in InferenceJob
+  std::vector<Workspace> workspaces_;                         // of each worker
+  std::vector<std::vector<Crossing>> crossings_[TICK_CHUNK];  // of each tick and row of pixels
 };
 
 }  // namespace evs

@@ -15,23 +15,23 @@
 
 namespace evs {
 
-inline constexpr int kTileSide = 4;
-inline constexpr int kLanes = kTileSide * kTileSide;
-inline constexpr int kTaps = 7;
+inline constexpr int TILE_SIDE = 4;
+inline constexpr int TILE_LANES = TILE_SIDE * TILE_SIDE;
+inline constexpr int FIFO_TAPS = 7;
 // Ticks that the FIFO window of a convolution holds of each input, before the current one.
-inline constexpr int kFifoTicks = kTaps - 1;
+inline constexpr int FIFO_TICKS = FIFO_TAPS - 1;
 // Ticks that pass through all layers together, so that the features of two layers fit into the L1
 // cache.
-inline constexpr int kSegment = 16;
+inline constexpr int SEGMENT = 16;
 // Ticks of one feature in scratch memory: the FIFO window, then the segment.
-inline constexpr int kSlots = kFifoTicks + kSegment;
+inline constexpr int SLOTS = FIFO_TICKS + SEGMENT;
 // Longest chunk; longer ones are split. The ticks of a chunk are the bits of a word.
-inline constexpr int kChunk = 32;
-inline constexpr float kLargestX = 20.0f;
-inline constexpr float kLargestV = 64.0f;
-inline constexpr int kMostSpikes = 64;
-inline constexpr int kDecayLow = 256;
-inline constexpr int kDecayHigh = 4096;
+inline constexpr int TICK_CHUNK = 32;
+inline constexpr float LARGEST_X = 20.0f;
+inline constexpr float LARGEST_V = 64.0f;
+inline constexpr int MOST_SPIKES = 64;
+inline constexpr int DECAY_LOW = 256;
+inline constexpr int DECAY_HIGH = 4096;
 
 // The filters, laid out as in emulator/evsnet/weights.py. Convolution 0 is the encoder; each
 // residual block has two more.
@@ -52,20 +52,20 @@ struct Network {
     return convolution == 0 ? 0 : 1 + (convolution - 1) * channels;
   }
   // Past ticks in the receptive field (W - 1): once X was 0 for so long, nothing of it is left.
-  EVS_ALWAYS_INLINE int past_ticks() const { return kFifoTicks * convolutions(); }
+  EVS_ALWAYS_INLINE int past_ticks() const { return FIFO_TICKS * convolutions(); }
   // Floats in the FIFOs of a pixel: [6][feature]; tick n is in slot n mod 6.
-  EVS_ALWAYS_INLINE int fifo_floats() const { return kFifoTicks * features(); }
+  EVS_ALWAYS_INLINE int fifo_floats() const { return FIFO_TICKS * features(); }
   // Floats in the FIFOs of a tile, pixel by pixel.
   EVS_ALWAYS_INLINE size_t row_floats() const {
-    return static_cast<size_t>(fifo_floats()) * kLanes;
+    return static_cast<size_t>(fifo_floats()) * TILE_LANES;
   }
   // Floats of scratch memory: [feature][22][16], then as much for each output channel.
   EVS_ALWAYS_INLINE size_t scratch_floats() const {
-    return static_cast<size_t>(features() + channels) * kSlots * kLanes;
+    return static_cast<size_t>(features() + channels) * SLOTS * TILE_LANES;
   }
   EVS_ALWAYS_INLINE size_t weight_floats() const {
     const size_t c = static_cast<size_t>(channels);
-    return c * kTaps + 2 * static_cast<size_t>(blocks) * c * c * kTaps;
+    return c * FIFO_TAPS + 2 * static_cast<size_t>(blocks) * c * c * FIFO_TAPS;
   }
 };
 
@@ -82,13 +82,13 @@ struct BiLif {
 struct TilePlace {
   size_t pixel = 0;  // of its first lane
   size_t width = 0;  // of the image
-  int columns = kTileSide;
-  int rows = kTileSide;
+  int columns = TILE_SIDE;
+  int rows = TILE_SIDE;
 
-  EVS_ALWAYS_INLINE bool whole() const { return columns == kTileSide && rows == kTileSide; }
+  EVS_ALWAYS_INLINE bool whole() const { return columns == TILE_SIDE && rows == TILE_SIDE; }
   // The lanes inside the image, as bits.
   EVS_ALWAYS_INLINE uint32_t lanes() const {
-    return ((1u << columns) - 1u) * 0x1111u & ((1u << (kTileSide * rows)) - 1u);
+    return ((1u << columns) - 1u) * 0x1111u & ((1u << (TILE_SIDE * rows)) - 1u);
   }
 };
 
@@ -119,10 +119,10 @@ struct InferenceJob {
   const int32_t* store_places = nullptr;
   int64_t tick = 0;  // number of the first tick
   int ticks = 0;
-  float* fifo[kLanes];             // In/out
-  const float* next_fifo[kLanes];  // of the next 16 pixels, to be prefetched
-  const float* x[kLanes];          // X; tick t is 16 t floats on
-  float* current[kLanes];          // Out: I, with the same stride
+  float* fifo[TILE_LANES];             // In/out
+  const float* next_fifo[TILE_LANES];  // of the next 16 pixels, to be prefetched
+  const float* x[TILE_LANES];          // X; tick t is 16 t floats on
+  float* current[TILE_LANES];          // Out: I, with the same stride
 };
 
 // The membranes of a tile through a chunk.
@@ -136,11 +136,11 @@ struct BiLifJob {
   int64_t* last = nullptr;  // In/out, of the image: the tick that each v is as of
 
   // Out
-  uint32_t fired = 0;                         // ticks with a spike, as bits
-  uint16_t on[kChunk];                        // lanes with ON spikes, as bits
-  uint16_t off[kChunk];                       // lanes with OFF spikes
-  alignas(64) float leaked[kChunk * kLanes];  // d V at the start of the ticks with a spike
-  alignas(64) float count[kChunk * kLanes];   // spikes of the lanes that fire in these ticks
+  uint32_t fired = 0;                                 // ticks with a spike, as bits
+  uint16_t on[TICK_CHUNK];                            // lanes with ON spikes, as bits
+  uint16_t off[TICK_CHUNK];                           // lanes with OFF spikes
+  alignas(64) float leaked[TICK_CHUNK * TILE_LANES];  // d V at the start of the ticks with a spike
+  alignas(64) float count[TICK_CHUNK * TILE_LANES];  // spikes of the lanes that fire in these ticks
   int v_clamped = 0;
   bool at_threshold = false;  // some V is still at a threshold
 };

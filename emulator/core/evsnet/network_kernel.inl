@@ -14,15 +14,15 @@ template <class T>
 EVS_INLINE void load_tile(T* lanes, const T* image, const TilePlace& place) {
   const T* from = image + place.pixel;
   if (place.whole()) {
-    for (int row = 0; row < kTileSide; row++) {
-      __builtin_memcpy(lanes + kTileSide * row, from + static_cast<size_t>(row) * place.width,
-                       sizeof(T) * kTileSide);
+    for (int row = 0; row < TILE_SIDE; row++) {
+      __builtin_memcpy(lanes + TILE_SIDE * row, from + static_cast<size_t>(row) * place.width,
+                       sizeof(T) * TILE_SIDE);
     }
     return;
   }
-  for (int i = 0; i < kLanes; i++) {
-    const int row = i / kTileSide < place.rows ? i / kTileSide : place.rows - 1;
-    const int column = i % kTileSide < place.columns ? i % kTileSide : place.columns - 1;
+  for (int i = 0; i < TILE_LANES; i++) {
+    const int row = i / TILE_SIDE < place.rows ? i / TILE_SIDE : place.rows - 1;
+    const int column = i % TILE_SIDE < place.columns ? i % TILE_SIDE : place.columns - 1;
     lanes[i] = from[static_cast<size_t>(row) * place.width + static_cast<size_t>(column)];
   }
 }
@@ -32,11 +32,11 @@ EVS_INLINE void store_tile(const T* lanes, T* image, const TilePlace& place) {
   T* to = image + place.pixel;
   for (int row = 0; row < place.rows; row++) {
     T* line = to + static_cast<size_t>(row) * place.width;
-    if (place.columns == kTileSide) {
-      __builtin_memcpy(line, lanes + kTileSide * row, sizeof(T) * kTileSide);
+    if (place.columns == TILE_SIDE) {
+      __builtin_memcpy(line, lanes + TILE_SIDE * row, sizeof(T) * TILE_SIDE);
     } else {
       for (int column = 0; column < place.columns; column++)
-        line[column] = lanes[kTileSide * row + column];
+        line[column] = lanes[TILE_SIDE * row + column];
     }
   }
 }
@@ -52,7 +52,7 @@ EVS_INLINE unsigned changed_lanes(Int now, Int before, Int limit) {
 // Mark the ticks in which a tile of this row of tiles changes.
 void find_changes(const LogDeltaJob& job, size_t pixel, size_t width, int rows, uint32_t* ticks) {
   const Int limit = splat(static_cast<int>(job.unusable_from));
-  const size_t whole = LANES < kTileSide ? 0 : width / LANES * LANES;
+  const size_t whole = LANES < TILE_SIDE ? 0 : width / LANES * LANES;
   for (int t = 0; t < job.ticks; t++) {
     const float* frame = job.luminance + static_cast<size_t>(t) * job.frame + pixel;
     const float* before = t == 0 ? job.last_luminance + pixel : frame - job.frame;
@@ -65,9 +65,9 @@ void find_changes(const LogDeltaJob& job, size_t pixel, size_t width, int rows, 
         changed |= changed_lanes(as_int(load(frame + at)), as_int(load(before + at)), limit);
       }
       if (changed == 0) continue;
-      for (int i = 0; i < LANES / kTileSide; i++) {
-        if ((changed >> (i * kTileSide) & 0xfu) != 0)
-          ticks[x / kTileSide + static_cast<size_t>(i)] |= bit;
+      for (int i = 0; i < LANES / TILE_SIDE; i++) {
+        if ((changed >> (i * TILE_SIDE) & 0xfu) != 0)
+          ticks[x / TILE_SIDE + static_cast<size_t>(i)] |= bit;
       }
     }
     // the rest of the row, pixel by pixel
@@ -77,7 +77,7 @@ void find_changes(const LogDeltaJob& job, size_t pixel, size_t width, int rows, 
         uint32_t now, then;
         __builtin_memcpy(&now, frame + at, sizeof now);
         __builtin_memcpy(&then, before + at, sizeof then);
-        if (now != then || now >= job.unusable_from) ticks[x / kTileSide] |= bit;
+        if (now != then || now >= job.unusable_from) ticks[x / TILE_SIDE] |= bit;
       }
     }
   }
@@ -86,9 +86,10 @@ void find_changes(const LogDeltaJob& job, size_t pixel, size_t width, int rows, 
 // X of a tile in each tick of the chunk.
 uint32_t log_delta(const LogDeltaJob& job, const TilePlace& place, uint32_t changed, float* x,
                    int64_t* moved, LogDeltaCounts& counts) {
-  alignas(64) float now[kChunk * kLanes], dn[kChunk * kLanes], part[kChunk * kLanes];
-  alignas(64) float luminance[kLanes], log[kLanes];
-  alignas(64) int last[kLanes];
+  alignas(64) float now[TICK_CHUNK * TILE_LANES], dn[TICK_CHUNK * TILE_LANES],
+      part[TICK_CHUNK * TILE_LANES];
+  alignas(64) float luminance[TILE_LANES], log[TILE_LANES];
+  alignas(64) int last[TILE_LANES];
   // load the state of the tile
   load_tile(luminance, job.last_luminance, place);
   load_tile(log, job.last_log, place);
@@ -98,21 +99,21 @@ uint32_t log_delta(const LogDeltaJob& job, const TilePlace& place, uint32_t chan
   int count = 0;
   for (uint32_t left = changed; left != 0; left &= left - 1) {
     const size_t t = static_cast<size_t>(__builtin_ctz(left));
-    load_tile(now + kLanes * count++, job.luminance + t * job.frame, place);
+    load_tile(now + TILE_LANES * count++, job.luminance + t * job.frame, place);
   }
-  for (int at = 0; at < count * kLanes; at += kLanes) {
-    for (int i = at; i < at + kLanes; i++) dn[i] = to_dn(map, now[i]);
-    for (int i = at; i < at + kLanes; i++) part[i] = log_part<LogKind::linlog>(map, dn[i]);
+  for (int at = 0; at < count * TILE_LANES; at += TILE_LANES) {
+    for (int i = at; i < at + TILE_LANES; i++) dn[i] = to_dn(map, now[i]);
+    for (int i = at; i < at + TILE_LANES; i++) part[i] = log_part<LogKind::LINLOG>(map, dn[i]);
   }
 
   uint32_t moved_ticks = 0;
-  for (int first = 0; first < kLanes; first += LANES) {
+  for (int first = 0; first < TILE_LANES; first += LANES) {
     const Mask inside = mask_from_bits(place.lanes() >> first);
     Float last_luminance = load(luminance + first), last_log = load(log + first);
     Int last_moved = splat(-1);
     int at = first;
     for (int t = 0; t < job.ticks; t++) {
-      float* out = x + t * kLanes + first;
+      float* out = x + t * TILE_LANES + first;
       if ((changed >> t & 1u) == 0) {
         store(out, splat(0.0f));
         continue;
@@ -124,7 +125,7 @@ uint32_t log_delta(const LogDeltaJob& job, const TilePlace& place, uint32_t chan
       moved_ticks |= (any(delta.nonzero) ? 1u : 0u) << t;
       counts.x_clamped += __builtin_popcount(to_bits(~delta.unclamped));
       counts.clamped += __builtin_popcount(to_bits(~delta.usable & inside));
-      at += kLanes;
+      at += TILE_LANES;
     }
     store(luminance + first, last_luminance);
     store(log + first, last_log);
@@ -133,7 +134,7 @@ uint32_t log_delta(const LogDeltaJob& job, const TilePlace& place, uint32_t chan
   // store the state of the tile
   store_tile(luminance, job.last_luminance, place);
   store_tile(log, job.last_log, place);
-  for (int i = 0; i < kLanes; i++) {
+  for (int i = 0; i < TILE_LANES; i++) {
     if (last[i] >= 0) moved[i] = job.tick + last[i];
   }
   return moved_ticks;
@@ -147,21 +148,21 @@ void integrate_and_fire(BiLifJob& job) {
   job.fired = 0;
   job.v_clamped = 0;
   job.at_threshold = false;
-  alignas(64) float v_lanes[kLanes];
-  alignas(64) int active_lanes[kLanes];
-  int64_t last[kLanes];
+  alignas(64) float v_lanes[TILE_LANES];
+  alignas(64) int active_lanes[TILE_LANES];
+  int64_t last[TILE_LANES];
   // load the state of the tile
   load_tile(v_lanes, job.v, job.place);
   load_tile(last, job.last, job.place);
-  for (int i = 0; i < kLanes; i++) {
+  for (int i = 0; i < TILE_LANES; i++) {
     active_lanes[i] = relative_tick(last[i], job.tick);
   }
-  for (int first = 0; first < kLanes; first += LANES) {
+  for (int first = 0; first < TILE_LANES; first += LANES) {
     const Mask lanes = mask_from_bits(job.place.lanes() >> first);
     Float v = load(v_lanes + first);
     Int last_active = load(active_lanes + first);
     for (int t = 0; t < job.ticks; t++) {
-      const Float current = load(job.current + t * kLanes + first);
+      const Float current = load(job.current + t * TILE_LANES + first);
       Fired fired;
       if (!integrate_and_fire_lanes(unit, current, t, lanes, v, last_active, fired)) continue;
       job.v_clamped += __builtin_popcount(to_bits(fired.clamped));
@@ -172,8 +173,8 @@ void integrate_and_fire(BiLifJob& job) {
       job.fired |= 1u << t;
       job.on[t] = static_cast<uint16_t>(job.on[t] | fired_on << first);
       job.off[t] = static_cast<uint16_t>(job.off[t] | fired_off << first);
-      store(job.leaked + t * kLanes + first, fired.leaked);
-      store(job.count + t * kLanes + first, fired.count);
+      store(job.leaked + t * TILE_LANES + first, fired.leaked);
+      store(job.count + t * TILE_LANES + first, fired.count);
     }
     if (any(at_threshold(v, unit) & lanes)) job.at_threshold = true;
     store(v_lanes + first, v);
@@ -181,7 +182,7 @@ void integrate_and_fire(BiLifJob& job) {
   }
 
   // store the state of the tile
-  for (int i = 0; i < kLanes; i++) {
+  for (int i = 0; i < TILE_LANES; i++) {
     if (active_lanes[i] >= 0) last[i] = job.tick + active_lanes[i];
   }
   store_tile(v_lanes, job.v, job.place);

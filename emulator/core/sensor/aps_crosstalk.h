@@ -29,7 +29,7 @@ struct RowReads {
 };
 
 // What marks a candidate as a row read; the draws of noise are not negative.
-inline constexpr double kRowRead = -1.0;
+inline constexpr double ROW_READ = -1.0;
 
 // Add the reads of the pixels [first, first + count) to the candidates of their block, by time.
 inline void add_row_reads(const RowReads& tick, size_t first, size_t count,
@@ -40,7 +40,7 @@ inline void add_row_reads(const RowReads& tick, size_t first, size_t count,
     const size_t end = std::min(first + count, row + tick.width);
     for (size_t pixel = std::max(first, row); pixel < end; pixel++) {
       candidates.push_back({static_cast<uint32_t>(pixel - first),
-                            static_cast<uint32_t>(tick.reads[k].offset), kRowRead});
+                            static_cast<uint32_t>(tick.reads[k].offset), ROW_READ});
     }
   }
   if (noise > 0 && candidates.size() > noise) {

@@ -38,7 +38,7 @@ struct ArbiterTimes {
   int64_t phase_ns = 0;  // at most 999
 };
 
-// A duration is a whole number of ns, so a normal number within kError settles nearly all. `normal`
+// A duration is a whole number of ns, so a normal number within ERROR settles nearly all. `normal`
 // draws the others.
 class RowAccessTimes {
  public:
@@ -46,38 +46,38 @@ class RowAccessTimes {
   int64_t duration_ns(const ArbiterTimes& times, uint64_t key, int64_t access) {
     if (!(times.jitter_ns > 0)) return times.row_ns;
     const uint64_t number = static_cast<uint64_t>(access);
-    if (!drawn_ || key != key_ || number - first_ >= kBatch) {
+    if (!drawn_ || key != key_ || number - first_ >= BATCH) {
       draw_(times, key, number, ns_);
       drawn_ = true;
       key_ = key;
       first_ = number;
     }
     int64_t& ns = ns_[number - first_];
-    if (ns == kUnsettled) {
+    if (ns == UNSETTLED) {
       ns = round_ns(static_cast<double>(times.row_ns) + times.jitter_ns * normal(key, number << 1));
     }
     return ns;
   }
 
  private:
-  static constexpr size_t kBatch = 64;
-  static constexpr int64_t kUnsettled = -1;
+  static constexpr size_t BATCH = 64;
+  static constexpr int64_t UNSETTLED = -1;
   // The normal numbers of `draw` are within 6e-8 of those of `normal`: an error of 8e-10 of the
-  // logarithm is 5.7e-8 of its root at kLogNearest, beyond which it grows, and an error of 6.4e-9
+  // logarithm is 5.7e-8 of its root at LOG_NEAREST, beyond which it grows, and an error of 6.4e-9
   // of the cosine is 5.5e-8 of the largest number. The rounding of the
   // sum with row_ns is below 1e-14 of it.
-  static constexpr double kError = 1e-7;
-  static constexpr double kLogNearest = -1e-4;
+  static constexpr double ERROR = 1e-7;
+  static constexpr double LOG_NEAREST = -1e-4;
   using Draw = void (*)(const ArbiterTimes&, uint64_t key, uint64_t first, int64_t* out);
 
   // ln_double with 5 terms of its series for 11: error below 8e-10.
   EVS_ALWAYS_INLINE static double ln_within(double value) {
-    constexpr double kRoot = 0.70710678118654757;  // sqrt(1 / 2) as a double
+    constexpr double ROOT = 0.70710678118654757;  // sqrt(1 / 2) as a double
     const uint64_t bits = std::bit_cast<uint64_t>(value);
     const int64_t exponent = static_cast<int64_t>(bits >> 52) - 1022;
     const double mantissa =
         std::bit_cast<double>((bits & 0xfffffffffffffull) | 0x3fe0000000000000ull);
-    const double z = (mantissa - kRoot) / (mantissa + kRoot);
+    const double z = (mantissa - ROOT) / (mantissa + ROOT);
     const double square = z * z;
     double series = 0.0;
     for (int odd = 9; odd > 0; odd -= 2) series = series * square + 1.0 / odd;
@@ -104,11 +104,11 @@ class RowAccessTimes {
                                      int64_t* out) {
     const double row_ns = static_cast<double>(times.row_ns);
     const double jitter_ns = times.jitter_ns;
-    const double margin = kError * jitter_ns + 1e-14 * row_ns;
-    for (size_t i = 0; i < kBatch; i++) {
+    const double margin = ERROR * jitter_ns + 1e-14 * row_ns;
+    for (size_t i = 0; i < BATCH; i++) {
       const uint64_t counter = (first + i) << 1;
       const double log = ln_within(uniform(hash(key, counter + 1)) + 0x1p-53);
-      const double near = log < kLogNearest ? log : kLogNearest;
+      const double near = log < LOG_NEAREST ? log : LOG_NEAREST;
       const double turn = uniform(hash(key, counter + 2));
       const double ns = row_ns + jitter_ns * (std::sqrt(-2.0 * near) * cos_turn_within(turn)) + 0.5;
       // round_ns, if neither the error nor the logarithm may change the result
@@ -116,8 +116,8 @@ class RowAccessTimes {
       const double positive = whole > 0.0 ? whole : 0.0;
       const double rest = ns - whole;
       const double edge = rest < 1.0 - rest ? rest : 1.0 - rest;
-      const double settled = edge > margin ? positive : static_cast<double>(kUnsettled);
-      out[i] = static_cast<int64_t>(log < kLogNearest ? settled : static_cast<double>(kUnsettled));
+      const double settled = edge > margin ? positive : static_cast<double>(UNSETTLED);
+      out[i] = static_cast<int64_t>(log < LOG_NEAREST ? settled : static_cast<double>(UNSETTLED));
     }
   }
   static void draw_portable(const ArbiterTimes& times, uint64_t key, uint64_t first, int64_t* out) {
@@ -142,7 +142,7 @@ class RowAccessTimes {
   bool drawn_ = false;
   uint64_t key_ = 0;
   uint64_t first_ = 0;
-  int64_t ns_[kBatch];
+  int64_t ns_[BATCH];
 };
 
 // In: requests [0, first) are latched already, [first, due) follow by time, all <= end_ns. Calls
@@ -151,15 +151,15 @@ template <class Stage>
 void run_arbiter(const ArbiterTimes& times, RowAccessTimes& access_times, const Request* requests,
                  size_t first, size_t due, int64_t end_ns, ReadoutClock& clock,
                  PixelLatches& latches, Stage& stage) {
-  const uint64_t key = term_key(static_cast<uint64_t>(clock[Seed]), kTermArbiter);
-  const uint64_t column_key = term_key(static_cast<uint64_t>(clock[Seed]), kTermColumns);
+  const uint64_t key = term_key(static_cast<uint64_t>(clock[CLOCK_SEED]), TERM_ARBITER);
+  const uint64_t column_key = term_key(static_cast<uint64_t>(clock[CLOCK_SEED]), TERM_COLUMNS);
   size_t next = 0, held = 0;
   const auto request_next = [&] {
     const Event& event = requests[next].event;
     if (latches.set(event.x, event.y, static_cast<uint32_t>(next))) {
       held++;
     } else {
-      clock[DropBusy]++;
+      clock[DROP_BUSY]++;
     }
     next++;
   };
@@ -173,8 +173,8 @@ void run_arbiter(const ArbiterTimes& times, RowAccessTimes& access_times, const 
   while (next < first) request_next();
 
   // the state in local variables, which the compiler keeps in registers
-  int64_t free_ns = clock[FreeNs], last_row = clock[LastRow], row = clock[AccessRow],
-          latch_ns = clock[LatchNs], accesses = clock[Accesses];
+  int64_t free_ns = clock[FREE_NS], last_row = clock[LAST_ROW], row = clock[ACCESS_ROW],
+          latch_ns = clock[LATCH_NS], accesses = clock[ACCESSES];
   for (;;) {
     // grant the next requesting row
     if (row < 0) {
@@ -217,11 +217,11 @@ void run_arbiter(const ArbiterTimes& times, RowAccessTimes& access_times, const 
     row = -1;
   }
   request_until(end_ns);
-  clock[FreeNs] = free_ns;
-  clock[LastRow] = last_row;
-  clock[AccessRow] = row;
-  clock[LatchNs] = latch_ns;
-  clock[Accesses] = accesses;
+  clock[FREE_NS] = free_ns;
+  clock[LAST_ROW] = last_row;
+  clock[ACCESS_ROW] = row;
+  clock[LATCH_NS] = latch_ns;
+  clock[ACCESSES] = accesses;
 }
 
 }  // namespace evs

@@ -78,7 +78,7 @@ void run_scan(const ScanTimes& times, int width, const std::vector<Request>& req
     });
     if (times.column_ns > 0) sort_by_column(reading, before, width, times.from_right, sorted, ends);
     const int64_t count = static_cast<int64_t>(reading.size() - before);
-    clock[NextScan] = scan + (times.events > 0 ? ceil_div(count, times.events) : 1);
+    clock[NEXT_SCAN] = scan + (times.events > 0 ? ceil_div(count, times.events) : 1);
     read_columns();
   };
   read_columns();
@@ -87,12 +87,12 @@ void run_scan(const ScanTimes& times, int width, const std::vector<Request>& req
     const int64_t ns = requests[i].ns;
     if (!any || ns > scan * times.scan_ns) {
       if (any) hold_array();
-      scan = std::max(ceil_div(ns, times.scan_ns), clock[NextScan]);
+      scan = std::max(ceil_div(ns, times.scan_ns), clock[NEXT_SCAN]);
       scan = ceil_div(scan, times.every) * times.every;
       any = true;
     }
     const Event& event = requests[i].event;
-    if (!latches.set(event.x, event.y, static_cast<uint32_t>(i))) clock[DropScan]++;
+    if (!latches.set(event.x, event.y, static_cast<uint32_t>(i))) clock[DROP_SCAN]++;
   }
   if (any && scan * times.scan_ns <= end_ns) hold_array();
 }

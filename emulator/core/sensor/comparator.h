@@ -35,14 +35,14 @@
 namespace evs {
 
 // The cause of an event. 0 in an event means that labels are off.
-enum class Cause : uint32_t { signal = 1, leak = 2, shot = 3, hot = 4, aps = 5 };
+enum class Cause : uint32_t { SIGNAL = 1, LEAK = 2, SHOT = 3, HOT = 4, APS = 5 };
 
 // A threshold crossing or noise event, before sorting.
 struct Crossing {
   uint32_t pixel;
   uint32_t packed;  // (stamp - t_begin) * 16 + cause * 2 + polarity
 };
-inline constexpr uint32_t kTagBits = 4;  // of cause and polarity
+inline constexpr uint32_t TAG_BITS = 4;  // of cause and polarity
 
 // Round to a multiple of 2^-43, ties to even, for |value| < 2^8; beyond that, to a multiple of the
 // last bit of value + 768.
@@ -69,7 +69,7 @@ EVS_ALWAYS_INLINE uint32_t stamp_of(const Response& response, double part, bool 
 
 // The cause of a crossing: what moved the pixel further in this tick; the signal if both did alike.
 EVS_ALWAYS_INLINE Cause cause_of(double span, double drift, Cause drift_cause) {
-  return std::abs(drift) > std::abs(span) ? drift_cause : Cause::signal;
+  return std::abs(drift) > std::abs(span) ? drift_cause : Cause::SIGNAL;
 }
 
 // One pixel and its inputs in a tick.
@@ -85,7 +85,7 @@ struct Comparators {
   uint32_t tick = 0;        // us
   uint32_t refractory = 0;  // us
   int64_t blind_until = 0;  // In/out: end of the refractory period, if `reference` is NaN
-  Cause drift_cause = Cause::leak;  // of an event that the drift causes
+  Cause drift_cause = Cause::LEAK;  // of an event that the drift causes
   double shot_on = 0.0;             // Hz in the dark
   double shot_off = 0.0;            // Hz in the dark
   double rate_scale = 1.0;          // of the shot noise at this light
@@ -146,14 +146,14 @@ struct Comparators {
       // fire for the candidate, unless the pixel is refractory or its rate too low at this light
       const double draw = shots[k].draw_hz;
       if (until < now) continue;
-      if (draw != kRowRead && draw >= (shot_on + shot_off) * rate_scale) continue;
-      if (draw == kRowRead) {
+      if (draw != ROW_READ && draw >= (shot_on + shot_off) * rate_scale) continue;
+      if (draw == ROW_READ) {
         // a row read lifts the signal for an instant
         if (!((signal_at(until) - r) + crosstalk >= theta_on)) continue;
-        out.push_back(crossing(until, static_cast<uint32_t>(Cause::aps), true));
+        out.push_back(crossing(until, static_cast<uint32_t>(Cause::APS), true));
       } else {
         out.push_back(
-            crossing(until, static_cast<uint32_t>(Cause::shot), draw < shot_on * rate_scale));
+            crossing(until, static_cast<uint32_t>(Cause::SHOT), draw < shot_on * rate_scale));
       }
       now = until;
       r = signal_at(until);
@@ -164,7 +164,7 @@ struct Comparators {
 
  private:
   Crossing crossing(uint32_t stamp, uint32_t cause, bool up) const {
-    return {pixel, (stamp << kTagBits) | (cause << 1) | (up ? 1u : 0u)};
+    return {pixel, (stamp << TAG_BITS) | (cause << 1) | (up ? 1u : 0u)};
   }
 };
 

@@ -46,7 +46,7 @@ struct TickCounts {
 };
 
 EVS_ALWAYS_INLINE size_t block_count(uint64_t pixels) {
-  return static_cast<size_t>((pixels + kBlock - 1) / kBlock);
+  return static_cast<size_t>((pixels + BLOCK_PIXELS - 1) / BLOCK_PIXELS);
 }
 
 // Find where the crossings of each block go, by all threads of a scan. Out: offsets (blocks,).

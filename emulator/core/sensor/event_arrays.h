@@ -13,7 +13,7 @@
 
 namespace evs {
 
-inline constexpr int64_t kNoEvent = std::numeric_limits<int64_t>::min();  // no event yet
+inline constexpr int64_t NO_EVENT = std::numeric_limits<int64_t>::min();  // no event yet
 
 struct SensorSize {
   size_t width, height;
@@ -104,7 +104,7 @@ inline double decay(double x) {
 inline void fill_time_surface(const int64_t* stamps, size_t count, double tau_us, int64_t t_us,
                               float* out) {
   for (size_t i = 0; i < count; i++) {
-    if (stamps[i] == kNoEvent) {
+    if (stamps[i] == NO_EVENT) {
       out[i] = 0.0f;
       continue;
     }

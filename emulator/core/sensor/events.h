@@ -30,21 +30,21 @@ struct EventBuffer {
   size_t count = 0;
 };
 
-inline constexpr uint32_t kDigitBits = 11;
-inline constexpr uint32_t kDigits = 1u << kDigitBits;
+inline constexpr uint32_t DIGIT_BITS = 11;
+inline constexpr uint32_t DIGITS = 1u << DIGIT_BITS;
 
 inline uint32_t digit(const Crossing& crossing, uint32_t pass) {
-  return ((crossing.packed >> kTagBits) >> (pass * kDigitBits)) & (kDigits - 1);
+  return ((crossing.packed >> TAG_BITS) >> (pass * DIGIT_BITS)) & (DIGITS - 1);
 }
 
 // Offset of the first crossing with each digit.
 template <class Parts>
 std::vector<size_t> digit_offsets(const Parts& parts, uint32_t pass) {
-  std::vector<size_t> offsets(kDigits + 1, 0);
+  std::vector<size_t> offsets(DIGITS + 1, 0);
   for (const auto& part : parts) {
     for (const Crossing& crossing : part) offsets[digit(crossing, pass) + 1]++;
   }
-  for (uint32_t i = 0; i < kDigits; i++) offsets[i + 1] += offsets[i];
+  for (uint32_t i = 0; i < DIGITS; i++) offsets[i + 1] += offsets[i];
   return offsets;
 }
 
@@ -58,7 +58,7 @@ inline EventBuffer order_events(const std::vector<std::vector<Crossing>>& parts,
   for (const auto& part : parts) out.count += part.size();
   if (out.count == 0) return out;
   out.events.reset(new Event[out.count]);
-  const uint32_t passes = std::max(1u, (std::bit_width(tick_us) + kDigitBits - 1) / kDigitBits);
+  const uint32_t passes = std::max(1u, (std::bit_width(tick_us) + DIGIT_BITS - 1) / DIGIT_BITS);
 
   const uint32_t cause_bits = causes ? 7u : 0u;
 
@@ -68,7 +68,7 @@ inline EventBuffer order_events(const std::vector<std::vector<Crossing>>& parts,
     for (const auto& part : from) {
       for (const Crossing& crossing : part) {
         out.events[offset[digit(crossing, pass)]++] =
-            Event{t_begin_us + (crossing.packed >> kTagBits),
+            Event{t_begin_us + (crossing.packed >> TAG_BITS),
                   static_cast<int16_t>(crossing.pixel % width),
                   static_cast<int16_t>(crossing.pixel / width),
                   static_cast<int8_t>(crossing.packed & 1u),

@@ -15,33 +15,34 @@
 namespace evs {
 
 struct BudgetScratch {
-  alignas(64) float decay[kBlock];
-  alignas(64) float slow[kBlock];
-  alignas(64) float shift[kBlock];
-  alignas(64) float memory[kBlock];  // at the end of the tick
-  alignas(64) float mean[kBlock];
-  alignas(64) float passages[kBlock];    // of a rate of 1
-  alignas(64) float inverse[2][kBlock];  // of the deviation at the start and the end of the tick
-  alignas(64) float farthest[kBlock];    // deviations
-  alignas(64) float above[2][kBlock];    // signal and mean noise over the reference
-  alignas(64) float precision[kBlock];   // of the noise, 1 / variance
+  alignas(64) float decay[BLOCK_PIXELS];
+  alignas(64) float slow[BLOCK_PIXELS];
+  alignas(64) float shift[BLOCK_PIXELS];
+  alignas(64) float memory[BLOCK_PIXELS];  // at the end of the tick
+  alignas(64) float mean[BLOCK_PIXELS];
+  alignas(64) float passages[BLOCK_PIXELS];  // of a rate of 1
+  alignas(
+      64) float inverse[2][BLOCK_PIXELS];  // of the deviation at the start and the end of the tick
+  alignas(64) float farthest[BLOCK_PIXELS];   // deviations
+  alignas(64) float above[2][BLOCK_PIXELS];   // signal and mean noise over the reference
+  alignas(64) float precision[BLOCK_PIXELS];  // of the noise, 1 / variance
   // of the nearer level and the other one: deviations at the start and the end, and hazards
-  alignas(64) float start[2][kBlock];
-  alignas(64) float end[2][kBlock];
-  alignas(64) float random[2][kBlock];
-  alignas(64) float moving[2][kBlock];
-  alignas(64) uint32_t on_is_nearer[kBlock];
-  alignas(64) uint32_t relaxes[kBlock];
-  alignas(64) float hazard[kBlock];
-  alignas(64) float least[kBlock];  // budget that lasts
-  alignas(64) uint64_t flags[kBlock];
+  alignas(64) float start[2][BLOCK_PIXELS];
+  alignas(64) float end[2][BLOCK_PIXELS];
+  alignas(64) float random[2][BLOCK_PIXELS];
+  alignas(64) float moving[2][BLOCK_PIXELS];
+  alignas(64) uint32_t on_is_nearer[BLOCK_PIXELS];
+  alignas(64) uint32_t relaxes[BLOCK_PIXELS];
+  alignas(64) float hazard[BLOCK_PIXELS];
+  alignas(64) float least[BLOCK_PIXELS];  // budget that lasts
+  alignas(64) uint64_t flags[BLOCK_PIXELS];
   // some levels, packed
   size_t packed;
-  alignas(64) uint32_t pixel[kBlock];
-  alignas(64) float packed_start[kBlock];
-  alignas(64) float packed_end[kBlock];
-  alignas(64) float packed_shift[kBlock];
-  alignas(64) float packed_passages[kBlock];
+  alignas(64) uint32_t pixel[BLOCK_PIXELS];
+  alignas(64) float packed_start[BLOCK_PIXELS];
+  alignas(64) float packed_end[BLOCK_PIXELS];
+  alignas(64) float packed_shift[BLOCK_PIXELS];
+  alignas(64) float packed_passages[BLOCK_PIXELS];
 };
 
 struct LevelHazard {
@@ -59,10 +60,10 @@ EVS_ALWAYS_INLINE LevelHazard level_hazard(float x0, float x1, float shift, floa
   const float mean = mean_over_way(within, slope, fallen + risen);
   const float level = shifted_level(shift, within);
   const float rate = one_pole_rate(select(level < 7.0f, level, 7.0f));
-  const bool near = x < kFarLevel;
+  const bool near = x < FAR_LEVEL;
   const float moving = select(near, slope * fallen * mean, 0.0f);
   return {select(near, passages * rate * mean, 0.0f),
-          select(x1 < static_cast<float>(kPassed), static_cast<float>(kCertain), moving)};
+          select(x1 < static_cast<float>(PASSED), static_cast<float>(CERTAIN), moving)};
 }
 
 // The levels of each pixel. Out: for the nearer level (0) and the other one (1), which ones noise
@@ -74,7 +75,7 @@ struct NearLevels {
 EVS_ALWAYS_INLINE NearLevels order_levels(const float* __restrict theta_on,
                                           const float* __restrict theta_off, size_t count,
                                           BudgetScratch& b) {
-  alignas(64) uint32_t is_near[2][kBlock];
+  alignas(64) uint32_t is_near[2][BLOCK_PIXELS];
   for (size_t i = 0; i < count; i++) {
     const float inverse0 = b.inverse[0][i];
     const float inverse1 = b.inverse[1][i];
@@ -91,8 +92,8 @@ EVS_ALWAYS_INLINE NearLevels order_levels(const float* __restrict theta_on,
     b.end[0][i] = select(is_on, on1, off1);
     b.start[1][i] = select(is_on, off0, on0);
     b.end[1][i] = select(is_on, off1, on1);
-    is_near[0][i] = select(is_on, on, off) < kFarLevel ? 1u : 0u;
-    is_near[1][i] = select(is_on, off, on) < kFarLevel ? 1u : 0u;
+    is_near[0][i] = select(is_on, on, off) < FAR_LEVEL ? 1u : 0u;
+    is_near[1][i] = select(is_on, off, on) < FAR_LEVEL ? 1u : 0u;
   }
   NearLevels levels{};
   for (size_t i = 0; i < count; i++) {
@@ -114,8 +115,8 @@ EVS_ALWAYS_INLINE void add_all_levels(size_t which, size_t count, BudgetScratch&
 
 EVS_ALWAYS_INLINE void add_packed_levels(size_t which, uint64_t near, size_t count,
                                          BudgetScratch& b) {
-  alignas(64) float random[kBlock];
-  alignas(64) float moving[kBlock];
+  alignas(64) float random[BLOCK_PIXELS];
+  alignas(64) float moving[BLOCK_PIXELS];
   for (size_t i = 0; i < count; i++) b.random[which][i] = b.moving[which][i] = 0.0f;
   b.packed = 0;
   for (; near != 0; near &= near - 1) {
@@ -198,7 +199,7 @@ EVS_ALWAYS_INLINE uint64_t use_up_budgets(const PixelStep& step, size_t first, s
     const float kept = 1.0f - lowpass_a(decay);
     const float memory0 = memory[i];
     const float left = memory0 * kept;
-    const bool forgotten = left < kForgotten;
+    const bool forgotten = left < FORGOTTEN;
     const float memory1 = select(forgotten, 0.0f, left);
     b.memory[i] = memory1;
     b.mean[i] = select(forgotten, 0.0f, mean[i] * kept);
@@ -232,12 +233,12 @@ EVS_ALWAYS_INLINE uint64_t use_up_budgets(const PixelStep& step, size_t first, s
     const bool still = may_stand & (memory[i] == 0.0f) & (from[i] == to[i]);
     const float random = b.random[0][i] + b.random[1][i];
     const float hazard = random + (b.moving[0][i] + b.moving[1][i]);
-    const float relaxing = select(b.relaxes[i] != 0, random * kCoarseParts, 0.0f);
+    const float relaxing = select(b.relaxes[i] != 0, random * COARSE_PARTS, 0.0f);
     hazards[i] = hazard;
-    least[i] = select(still, kBeyondBudgets, select(relaxing > hazard, relaxing, hazard));
+    least[i] = select(still, BEYOND_BUDGETS, select(relaxing > hazard, relaxing, hazard));
   }
   for (uint64_t each = candidates; each != 0; each &= each - 1) {
-    least[std::countr_zero(each)] = kBeyondBudgets;
+    least[std::countr_zero(each)] = BEYOND_BUDGETS;
   }
   uint64_t any = 0;
   for (size_t i = 0; i < count; i++) {

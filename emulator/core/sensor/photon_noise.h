@@ -23,21 +23,21 @@
 
 namespace evs {
 
-inline constexpr uint64_t kTermPhotonNoise = 10;
+inline constexpr uint64_t TERM_PHOTON_NOISE = 10;
 
-inline constexpr float kFarLevel = 6.0f;       // deviations; a level beyond is not reached
-inline constexpr double kPassed = -7.0;        // a level beyond was passed for certain
-inline constexpr double kNearest = -3.0;       // the fits of rate and slope begin here
-inline constexpr double kCertain = 30.0;       // no budget is larger
-inline constexpr float kForgotten = 0x1p-10f;  // a smaller memory counts as none
-inline constexpr double kKnown = 0.1;          // a smaller memory moves levels little
-inline constexpr double kShortStep = 0.25;     // of the time in which memory is lost
-inline constexpr double kLongStep = 20.0;      // of the same; longer steps are cut
-inline constexpr double kForgets = 7.0;        // of the same, in which all memory is lost
-inline constexpr double kStraightPart = 0.1;   // of the noise; a line that sags by less is straight
-inline constexpr float kCoarseParts = 50.0f;   // of the budget; steps with more than one are short
-inline constexpr float kBeyondBudgets = 1e6f;  // hazard
-inline constexpr double kLeastBudget = 0x1p-46;
+inline constexpr float FAR_LEVEL = 6.0f;       // deviations; a level beyond is not reached
+inline constexpr double PASSED = -7.0;         // a level beyond was passed for certain
+inline constexpr double NEAREST = -3.0;        // the fits of rate and slope begin here
+inline constexpr double CERTAIN = 30.0;        // no budget is larger
+inline constexpr float FORGOTTEN = 0x1p-10f;   // a smaller memory counts as none
+inline constexpr double KNOWN = 0.1;           // a smaller memory moves levels little
+inline constexpr double SHORT_STEP = 0.25;     // of the time in which memory is lost
+inline constexpr double LONG_STEP = 20.0;      // of the same; longer steps are cut
+inline constexpr double FORGETS = 7.0;         // of the same, in which all memory is lost
+inline constexpr double STRAIGHT_PART = 0.1;   // of the noise; a line that sags by less is straight
+inline constexpr float COARSE_PARTS = 50.0f;   // of the budget; steps with more than one are short
+inline constexpr float BEYOND_BUDGETS = 1e6f;  // hazard
+inline constexpr double LEAST_BUDGET = 0x1p-46;
 
 struct PhotonNoise {
   uint64_t key = 0;
@@ -50,7 +50,7 @@ EVS_ALWAYS_INLINE double on_budget_grid(double value) { return (value + 96.0) - 
 // What is left of a budget that lasts for a hazard; never nothing.
 EVS_ALWAYS_INLINE double budget_left(double budget, double hazard) {
   const double left = budget - on_budget_grid(hazard);
-  return select(left > 0.0, left, kLeastBudget);
+  return select(left > 0.0, left, LEAST_BUDGET);
 }
 
 // 2^log, relative error 4e-6, for -62 < log < 63.
@@ -108,8 +108,8 @@ inline float passage_loss(float x) {
   p = p * t + -0x1.6f5184p-2f;
   // e^p
   const float below = 4.0f - p;
-  const float loss = 0x1.b4c902p+5f * exp_minus(exp_parts(below < kSettled ? below : kSettled));
-  return x < kFarLevel ? loss : 0.0f;
+  const float loss = 0x1.b4c902p+5f * exp_minus(exp_parts(below < SETTLED ? below : SETTLED));
+  return x < FAR_LEVEL ? loss : 0.0f;
 }
 
 // By how much the faster pole moves a level away, deviations. A fit to simulated first passages;
@@ -144,69 +144,69 @@ EVS_ALWAYS_INLINE Real mean_over_way(Real x, Real slope, Real length) {
 
 // Rate, slope and loss between -8 and 8 deviations, from which single pixels read them.
 struct PassageTable {
-  static constexpr int kCells = 512;
-  static constexpr int kStarts = 1024;
-  float rate[kCells + 1];
-  float slope[kCells + 1];
-  float loss[kCells + 1];
-  uint16_t starts[kStarts];  // cell of a loss, by its leading bits, or one before
+  static constexpr int CELLS = 512;
+  static constexpr int STARTS = 1024;
+  float rate[CELLS + 1];
+  float slope[CELLS + 1];
+  float loss[CELLS + 1];
+  uint16_t starts[STARTS];  // cell of a loss, by its leading bits, or one before
 
   PassageTable() { fill(); }
 
   void fill() {
-    for (int k = 0; k <= kCells; k++) {
-      const float x = static_cast<float>(k) * (16.0f / kCells) - 8.0f;
+    for (int k = 0; k <= CELLS; k++) {
+      const float x = static_cast<float>(k) * (16.0f / CELLS) - 8.0f;
       const float within = std::clamp(x, -3.0f, 7.0f);
       rate[k] = one_pole_rate(within);
       slope[k] = loss_slope(within);
       loss[k] = passage_loss(x);
     }
     int cell = 0;
-    for (int k = kStarts - 1; k >= 0; k--) {
+    for (int k = STARTS - 1; k >= 0; k--) {
       const float largest =
-          std::bit_cast<float>((static_cast<uint32_t>(k) + 1 + kFirstStart) << kStartBits);
-      while (cell + 1 < kCells && loss[cell + 1] > largest) cell++;
+          std::bit_cast<float>((static_cast<uint32_t>(k) + 1 + FIRST_START) << START_BITS);
+      while (cell + 1 < CELLS && loss[cell + 1] > largest) cell++;
       starts[k] = static_cast<uint16_t>(cell);
     }
   }
 
   // Linear between two entries; |x| <= 8.
   static double read(const float* entries, double x) {
-    const double place = (x + 8.0) * (kCells / 16.0);
-    const int cell = std::min(static_cast<int>(place), kCells - 1);
+    const double place = (x + 8.0) * (CELLS / 16.0);
+    const int cell = std::min(static_cast<int>(place), CELLS - 1);
     const double low = entries[cell], high = entries[cell + 1];
     return low + (place - cell) * (high - low);
   }
 
   double rate_at(double shift, double x) const {
-    if (!(x < kFarLevel)) return 0.0;
+    if (!(x < FAR_LEVEL)) return 0.0;
     const double level = shifted_level(shift, x);
-    return level < kFarLevel ? read(rate, level) : 0.0;
+    return level < FAR_LEVEL ? read(rate, level) : 0.0;
   }
   double slope_at(double x) const { return read(slope, x); }
-  double loss_at(double x) const { return x < kFarLevel ? read(loss, x) : 0.0; }
+  double loss_at(double x) const { return x < FAR_LEVEL ? read(loss, x) : 0.0; }
 
   // Deviations at which the loss has a value.
   double level_of_loss(double value) const {
-    const uint32_t bits = std::bit_cast<uint32_t>(static_cast<float>(value)) >> kStartBits;
-    const uint32_t start = bits > kFirstStart ? bits - kFirstStart : 0;
-    int low = starts[start < kStarts ? start : kStarts - 1];
-    while (low + 1 < kCells && loss[low + 1] > value) low++;  // the loss falls
+    const uint32_t bits = std::bit_cast<uint32_t>(static_cast<float>(value)) >> START_BITS;
+    const uint32_t start = bits > FIRST_START ? bits - FIRST_START : 0;
+    int low = starts[start < STARTS ? start : STARTS - 1];
+    while (low + 1 < CELLS && loss[low + 1] > value) low++;  // the loss falls
     const double above = loss[low], below = loss[low + 1];
-    return (low + (above - value) / (above - below)) * (16.0 / kCells) - 8.0;
+    return (low + (above - value) / (above - below)) * (16.0 / CELLS) - 8.0;
   }
 
  private:
-  static constexpr int kStartBits = 19;                       // 16 starts an octave
-  static constexpr uint32_t kFirstStart = (127u - 58u) << 4;  // of 2^-58
+  static constexpr int START_BITS = 19;                       // 16 starts an octave
+  static constexpr uint32_t FIRST_START = (127u - 58u) << 4;  // of 2^-58
 };
 
 #ifdef EVS_ON_DEVICE
 // a device runs no constructors: its kernel `prepare` fills the table
-alignas(PassageTable) __device__ char kPassageTableMemory[sizeof(PassageTable)];
-#define kPassageTable (*reinterpret_cast<const PassageTable*>(kPassageTableMemory))
+alignas(PassageTable) __device__ char PASSAGE_TABLE_MEMORY[sizeof(PassageTable)];
+#define PASSAGE_TABLE (*reinterpret_cast<const PassageTable*>(PASSAGE_TABLE_MEMORY))
 #else
-inline const PassageTable kPassageTable;
+inline const PassageTable PASSAGE_TABLE;
 #endif
 
 // Deviations, limited on both sides. A NaN, of a pixel without a threshold, counts as the farthest.
@@ -280,7 +280,7 @@ struct NoiseDraws {
     repeat = us == last_us ? (repeat < 63 ? repeat + 1 : 63) : 0;
     last_us = us;
     const double drawn = on_budget_grid(minus_ln(hash(key, counter(us))));
-    return drawn > 0.0 ? drawn : kLeastBudget;
+    return drawn > 0.0 ? drawn : LEAST_BUDGET;
   }
   // By Box and Muller (1958), from the two halves of one random number.
   double standard_normal(int64_t us) const {
@@ -344,21 +344,21 @@ struct StillNoise {
   double on_level(double us) const { return deviations(reference_at(us) + theta_on - signal); }
   double off_level(double us) const { return deviations(signal - (reference_at(us) - theta_off)); }
   double on_rate(double us) const {
-    return band.slow * kPassageTable.rate_at(band.shift, on_level(us));
+    return band.slow * PASSAGE_TABLE.rate_at(band.shift, on_level(us));
   }
   double off_rate(double us) const {
-    return band.slow * kPassageTable.rate_at(band.shift, off_level(us));
+    return band.slow * PASSAGE_TABLE.rate_at(band.shift, off_level(us));
   }
   double loss(int64_t us) const {
     if (leak == 0.0) return 0.0;
-    return on_budget_grid(kPassageTable.loss_at(on_level(static_cast<double>(us))));
+    return on_budget_grid(PASSAGE_TABLE.loss_at(on_level(static_cast<double>(us))));
   }
 
   // Whether no level is near up to `to_us`.
   bool far(int64_t to_us) const {
-    constexpr double kMargin = kFarLevel + 0.5;
-    return on_level(static_cast<double>(to_us)) > kMargin &&
-           off_level(static_cast<double>(from_us)) > kMargin;
+    constexpr double MARGIN = FAR_LEVEL + 0.5;
+    return on_level(static_cast<double>(to_us)) > MARGIN &&
+           off_level(static_cast<double>(from_us)) > MARGIN;
   }
 
   // A bound of the hazard up to `to_us`.
@@ -366,9 +366,9 @@ struct StillNoise {
     const double on = std::max(on_level(static_cast<double>(to_us)) - 0.5, -8.0);
     const double off = std::max(off_level(static_cast<double>(from_us)) - 0.5, -8.0);
     const double rate =
-        kPassageTable.rate_at(band.shift, on) + kPassageTable.rate_at(band.shift, off);
+        PASSAGE_TABLE.rate_at(band.shift, on) + PASSAGE_TABLE.rate_at(band.shift, off);
     return 1.01 * (band.slow * rate * static_cast<double>(to_us - from_us)) +
-           kPassageTable.loss_at(on);
+           PASSAGE_TABLE.loss_at(on);
   }
 
   struct Outcome {

@@ -130,7 +130,7 @@ struct StateTerm {
 template <class Visit>
 void each_array(PixelArrays& a, const PixelSettings& settings, const PixelPattern& pattern,
                 Visit&& visit) {
-  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+  constexpr double NONE = std::numeric_limits<double>::quiet_NaN();
   const StateTerm always{"", true};
   const StateTerm low_pass{"low_pass", settings.lowpass()};
   const StateTerm follower{"follower", settings.follower > 0.0};
@@ -142,8 +142,8 @@ void each_array(PixelArrays& a, const PixelSettings& settings, const PixelPatter
   const StateTerm skips{"skips", pattern.leak != nullptr || settings.highpass > 0.0 ||
                                      low_pass.on || follower.on || refractory.on ||
                                      running_mean.on};
-  visit("reference", a.reference, 1, kNone, always);
-  visit("last_log", a.last_log, 1, kNone, always);
+  visit("reference", a.reference, 1, NONE, always);
+  visit("last_log", a.last_log, 1, NONE, always);
   visit("last_luminance", a.last_luminance, 1, -1.0, always);
   visit("filtered", a.filtered, 1, 0.0, low_pass);
   visit("followed", a.followed, 1, 0.0, follower);
@@ -151,13 +151,13 @@ void each_array(PixelArrays& a, const PixelSettings& settings, const PixelPatter
   visit("noise_budget", a.noise_budget, 1, 0.0, photon_noise);
   visit("noise_mean", a.noise_mean, 1, 0.0, photon_noise);
   visit("noise_memory", a.noise_memory, 1, 0.0, photon_noise);
-  visit("mean", a.running_mean.mean, 1, kNone, running_mean);
+  visit("mean", a.running_mean.mean, 1, NONE, running_mean);
   visit("noise", a.running_mean.noise, 1, 0.0, running_mean);
   visit("drift", a.running_mean.drift, 1, 0.0, running_mean);
-  visit("due_us", a.due_us, kBlock, 0.0, skips);
-  visit("since_us", a.since_us, kBlock, 0.0, skips);
-  visit("shot_next", a.shot.next, kBlock, 0.0, shot_noise);
-  visit("shot_count", a.shot.count, kBlock, 0.0, shot_noise);
+  visit("due_us", a.due_us, BLOCK_PIXELS, 0.0, skips);
+  visit("since_us", a.since_us, BLOCK_PIXELS, 0.0, skips);
+  visit("shot_next", a.shot.next, BLOCK_PIXELS, 0.0, shot_noise);
+  visit("shot_count", a.shot.count, BLOCK_PIXELS, 0.0, shot_noise);
 }
 
 struct Tick {
@@ -191,7 +191,7 @@ struct PixelStep {
   bool curves;  // signals are not lines inside the tick
 
   // Whether the follower sees the output of a photoreceptor that bends inside the tick.
-  bool bends() const { return settings.lowpass() && follower_z > kStraight; }
+  bool bends() const { return settings.lowpass() && follower_z > STRAIGHT; }
 };
 
 inline PixelStep prepare_step(const PixelSettings& settings, const PixelPattern& pattern,
@@ -202,14 +202,14 @@ inline PixelStep prepare_step(const PixelSettings& settings, const PixelPattern&
   };
   const float follower_z = in_a_tick(settings.follower);
   const bool curves = !settings.steps_as_euler() && tick.us > 1 &&
-                      (settings.lowpass() || follower_z > kStraight) &&
-                      (settings.follower == 0.0 || follower_z > kStraight);
+                      (settings.lowpass() || follower_z > STRAIGHT) &&
+                      (settings.follower == 0.0 || follower_z > STRAIGHT);
   return {settings,
           pattern,
           arrays,
           shot_bounds,
           tick,
-          is_usable(kLargestMean, to_dn(settings.map, kLargestMean)) ? kLargestMean : 0.0f,
+          is_usable(LARGEST_MEAN, to_dn(settings.map, LARGEST_MEAN)) ? LARGEST_MEAN : 0.0f,
           in_a_tick(settings.lowpass_low),
           in_a_tick(settings.lowpass_slope),
           follower_z,

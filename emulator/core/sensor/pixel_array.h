@@ -81,19 +81,19 @@ class PixelArray {
         pixels_(static_cast<size_t>(width) * static_cast<size_t>(height)),
         step_(choose_step(isa)),
         pool_(threads) {
-    const size_t bands = (pixels_ + kBand - 1) / kBand;
+    const size_t bands = (pixels_ + BAND - 1) / BAND;
     crossings_.resize(bands);
     clamped_.resize(bands);
     if (pattern_.shot_on != nullptr) {
-      for (size_t first = 0; first < pixels_; first += kBlock) {
-        const size_t count = std::min(kBlock, pixels_ - first);
+      for (size_t first = 0; first < pixels_; first += BLOCK_PIXELS) {
+        const size_t count = std::min(BLOCK_PIXELS, pixels_ - first);
         shot_bounds_.push_back(shot_bound(pattern_.shot_on, pattern_.shot_off, first, count));
       }
     }
   }
 
   size_t pixels() const { return pixels_; }
-  size_t blocks() const { return (pixels_ + kBlock - 1) / kBlock; }
+  size_t blocks() const { return (pixels_ + BLOCK_PIXELS - 1) / BLOCK_PIXELS; }
   const PixelSettings& settings() const { return settings_; }
   const PixelPattern& pattern() const { return pattern_; }
   const std::vector<double>& shot_bounds() const { return shot_bounds_; }
@@ -109,17 +109,17 @@ class PixelArray {
     // step the bands; they do not depend on the number of threads, and are merged in order
     pool_.run(static_cast<int>(crossings_.size()), [&](int band, int) {
       const size_t index = static_cast<size_t>(band);
-      const size_t first = index * kBand;
+      const size_t first = index * BAND;
       std::vector<Crossing>& out = crossings_[index];
       out.clear();
-      clamped_[index] = step_(step, first, std::min(first + kBand, pixels_), out);
+      clamped_[index] = step_(step, first, std::min(first + BAND, pixels_), out);
     });
     clamped = std::accumulate(clamped_.begin(), clamped_.end(), size_t{0});
     EventBuffer events = order_events(crossings_, t_begin_us, tick.us, width_, settings_.causes);
 
     // free the memory of a burst
     for (std::vector<Crossing>& out : crossings_) {
-      if (out.capacity() > kBand * 4) std::vector<Crossing>().swap(out);
+      if (out.capacity() > BAND * 4) std::vector<Crossing>().swap(out);
     }
     return events;
   }
@@ -130,17 +130,17 @@ class PixelArray {
     if (arrays.since_us == nullptr) return;
     const Tick tick{nullptr, clock_us, 1};
     const PixelStep step = prepare(arrays, tick);
-    for (size_t first = 0; first < pixels_; first += kBlock) {
-      const size_t count = std::min(kBlock, pixels_ - first);
+    for (size_t first = 0; first < pixels_; first += BLOCK_PIXELS) {
+      const size_t count = std::min(BLOCK_PIXELS, pixels_ - first);
       use_up_skipped_budgets(step, first, count);
       apply_skipped_leak(step, first, count);
-      arrays.since_us[first / kBlock] = arrays.due_us[first / kBlock] = clock_us;
+      arrays.since_us[first / BLOCK_PIXELS] = arrays.due_us[first / BLOCK_PIXELS] = clock_us;
     }
   }
 
  private:
-  static constexpr size_t kBand = 8192;
-  static_assert(kBand % kBlock == 0);
+  static constexpr size_t BAND = 8192;
+  static_assert(BAND % BLOCK_PIXELS == 0);
 
   PixelSettings settings_;
   PixelPattern pattern_;

@@ -78,14 +78,14 @@ EVS_CALL_ON_DEVICE void compare(const PixelStep& step, size_t pixel, const Respo
   // load the end of a refractory period only if there is one: it is seldom in the cache
   const bool was_refractory = arrays.blind_until != nullptr && reference != reference;
   if (was_refractory) comparators.blind_until = arrays.blind_until[pixel];
-  if (pattern.hot != nullptr && pattern.hot[pixel] != 0) comparators.drift_cause = Cause::hot;
+  if (pattern.hot != nullptr && pattern.hot[pixel] != 0) comparators.drift_cause = Cause::HOT;
   comparators.crosstalk = step.settings.aps_crosstalk;
   if (NOISY && arrays.shot_noise()) {
     comparators.shot_on = step.pattern.shot_on[pixel];
     comparators.shot_off = step.pattern.shot_off[pixel];
     comparators.rate_scale = step.settings.shot.rate_scale(dn);
   }
-  const uint32_t index = static_cast<uint32_t>(pixel % kBlock);
+  const uint32_t index = static_cast<uint32_t>(pixel % BLOCK_PIXELS);
   if (arrays.photon_noise()) {
     const bool leaks = pattern.leak != nullptr;
     const bool still = from == to && !step.settings.references_follow();
@@ -128,7 +128,7 @@ EVS_ALWAYS_INLINE void compare_simple(const PixelStep& step, size_t pixel, const
   uint32_t tag = 0;
   if (step.settings.causes) {
     const bool hot = step.pattern.hot != nullptr && step.pattern.hot[pixel] != 0;
-    tag = static_cast<uint32_t>(cause_of(span, drift, hot ? Cause::hot : Cause::leak)) << 1;
+    tag = static_cast<uint32_t>(cause_of(span, drift, hot ? Cause::HOT : Cause::LEAK)) << 1;
   }
   double r = reference;
   uint32_t now = 0;
@@ -138,7 +138,7 @@ EVS_ALWAYS_INLINE void compare_simple(const PixelStep& step, size_t pixel, const
     // fire, and move the reference by a threshold
     const double level = r + select(up, on, -off);
     const uint32_t stamp = stamp_of(response, level - from, up, now, moved, step.tick.us);
-    out.push_back({static_cast<uint32_t>(pixel), (stamp << kTagBits) | tag | (up ? 1u : 0u)});
+    out.push_back({static_cast<uint32_t>(pixel), (stamp << TAG_BITS) | tag | (up ? 1u : 0u)});
     r = level;
     now = stamp;
     if constexpr (REFRACTORY) {
@@ -190,7 +190,7 @@ EVS_CALL_ON_DEVICE inline double noise_lasts(const PixelStep& step, size_t pixel
 EVS_ALWAYS_INLINE void use_up_skipped_budgets(const PixelStep& step, size_t first, size_t count) {
   const PixelArrays& arrays = step.arrays;
   if (!arrays.photon_noise()) return;
-  const int64_t since_us = arrays.since_us[first / kBlock];
+  const int64_t since_us = arrays.since_us[first / BLOCK_PIXELS];
   if (since_us == step.tick.begin_us) return;
   const float* light =
       (step.settings.averages() ? arrays.running_mean.mean : arrays.last_luminance);
@@ -207,9 +207,9 @@ EVS_ALWAYS_INLINE void use_up_skipped_budgets(const PixelStep& step, size_t firs
 // filters have settled.
 EVS_CALL_ON_DEVICE inline int64_t quiet_until(const PixelStep& step, size_t first, size_t count,
                                               const float* signal, const float* dn) {
-  constexpr double kFar = 0x1p61;
+  constexpr double FAR_AWAY = 0x1p61;
   const int64_t end = step.tick.begin_us + step.tick.us;
-  double soonest = kFar;
+  double soonest = FAR_AWAY;
   int64_t refractory_end = std::numeric_limits<int64_t>::max();
   for (size_t i = 0; i < count; i++) {
     const double r = step.arrays.reference[first + i];
@@ -233,11 +233,11 @@ EVS_CALL_ON_DEVICE inline int64_t quiet_until(const PixelStep& step, size_t firs
     if (step.pattern.leak == nullptr) continue;
     const double leak = leak_rate(step, first + i, dn[i]);
     const double theta = step.pattern.theta_on[first + i];
-    const double wait = leak > 0.0 ? (r + theta - static_cast<double>(signal[i])) / leak : kFar;
+    const double wait = leak > 0.0 ? (r + theta - static_cast<double>(signal[i])) / leak : FAR_AWAY;
     soonest = wait < soonest ? wait : soonest;
   }
   // the division rounds by less than a us for waits below 2^50 us
-  const int64_t leak_end = soonest < 0x1p50 ? end + static_cast<int64_t>(soonest) - 2 : kNever;
+  const int64_t leak_end = soonest < 0x1p50 ? end + static_cast<int64_t>(soonest) - 2 : NEVER;
   return leak_end < refractory_end ? leak_end : refractory_end - 1;
 }
 
@@ -249,7 +249,7 @@ EVS_ALWAYS_INLINE uint64_t pixels_at_threshold(const float* __restrict theta_on,
                                                const float* __restrict to,
                                                const double* __restrict drift,
                                                const double* __restrict reference, size_t count) {
-  alignas(64) uint64_t flags[kBlock];
+  alignas(64) uint64_t flags[BLOCK_PIXELS];
   uint64_t any = 0;
   for (size_t i = 0; i < count; i++) {
     const double r = reference[i];
@@ -288,11 +288,11 @@ EVS_ALWAYS_INLINE double highest_of(const PixelStep& step, size_t first, size_t 
 // Whether a candidate is below the rate of its pixel at this light.
 EVS_ALWAYS_INLINE bool accepts(const PixelStep& step, size_t first, const ShotCandidate& shot,
                                float dn) {
-  if (shot.draw_hz == kRowRead) return true;
+  if (shot.draw_hz == ROW_READ) return true;
   const ShotNoise& noise = step.settings.shot;
   const double scale = noise.rate_scale(dn);
   // reject most candidates by the bound of the block; the rates are seldom in the cache
-  if (!(shot.draw_hz < step.shot_bounds[first / kBlock] * scale)) return false;
+  if (!(shot.draw_hz < step.shot_bounds[first / BLOCK_PIXELS] * scale)) return false;
   const double on = step.pattern.shot_on[first + shot.pixel];
   const double off = step.pattern.shot_off[first + shot.pixel];
   return shot.draw_hz < (on + off) * scale;
@@ -303,13 +303,13 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
                                     BudgetScratch& budgets, std::vector<ShotCandidate>& shots,
                                     std::vector<Crossing>& out) {
   const PixelArrays& arrays = step.arrays;
-  const size_t block = first / kBlock;
+  const size_t block = first / BLOCK_PIXELS;
   const int64_t end_us = step.tick.begin_us + step.tick.us;
   float* last_luminance = arrays.last_luminance + first;
 
   // draw candidates for shot noise
   shots.clear();
-  if (arrays.shot_noise() && arrays.shot.next[block] <= end_us * kShotUnits) {
+  if (arrays.shot_noise() && arrays.shot.next[block] <= end_us * SHOT_UNITS) {
     draw_candidates(step.settings.shot, {arrays.shot.next + block, arrays.shot.count + block},
                     block, count, step.shot_bounds[block], step.tick.begin_us, end_us, shots);
   }
@@ -343,7 +343,7 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
   uint64_t read = 0;
   for (const ShotCandidate& shot : shots) {
     const uint64_t bit = uint64_t{1} << shot.pixel;
-    if (shot.draw_hz == kRowRead) {
+    if (shot.draw_hz == ROW_READ) {
       read |= bit;
     } else if (accepts(step, first, shot, s.dn[shot.pixel])) {
       noisy |= bit;
@@ -416,19 +416,20 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
   return clamped;
 }
 
-// Pixels [first, last) in order; first is a multiple of kBlock. Appends crossings to `out`. Out:
-// pixels with unusable luminance.
+// Pixels [first, last) in order; first is a multiple of BLOCK_PIXELS. Appends crossings to `out`.
+// Out: pixels with unusable luminance.
 EVS_ALWAYS_INLINE size_t step_pixels(const PixelStep& step, size_t first, size_t last,
                                      std::vector<Crossing>& out) {
   Scratch scratch;
   BudgetScratch budgets;
   std::vector<ShotCandidate> shots;
   size_t clamped = 0;
-  for (; first < last; first += kBlock) {
-    const size_t count = last - first < kBlock ? last - first : kBlock;
+  for (; first < last; first += BLOCK_PIXELS) {
+    const size_t count = last - first < BLOCK_PIXELS ? last - first : BLOCK_PIXELS;
     // whole blocks are compiled with a constant count
-    clamped += count == kBlock ? step_block(step, first, kBlock, scratch, budgets, shots, out)
-                               : step_block(step, first, count, scratch, budgets, shots, out);
+    clamped += count == BLOCK_PIXELS
+                   ? step_block(step, first, BLOCK_PIXELS, scratch, budgets, shots, out)
+                   : step_block(step, first, count, scratch, budgets, shots, out);
   }
   return clamped;
 }

@@ -17,18 +17,18 @@ namespace evs {
 
 // Intermediate values of one block.
 struct Scratch {
-  alignas(64) float luminance[kBlock];  // the last usable one where it is unusable
-  const float* usable;                  // all of it: `luminance`, or that of the tick
-  alignas(64) float mean[kBlock];       // its running mean
-  alignas(64) float dn[kBlock];
-  alignas(64) float log_part[kBlock];
-  alignas(64) float a[kBlock];  // LowpassStep at the light of each pixel
-  alignas(64) float b[kBlock];
-  alignas(64) float lag[kBlock];         // of the follower behind a photoreceptor
-  alignas(64) float log[kBlock];         // log intensity at the end of the tick
-  alignas(64) float from[2][kBlock];     // output of each filter at the start of the tick
-  alignas(64) double reference[kBlock];  // at the start of the tick
-  alignas(64) double drift[kBlock];      // by how much it sinks in the tick
+  alignas(64) float luminance[BLOCK_PIXELS];  // the last usable one where it is unusable
+  const float* usable;                        // all of it: `luminance`, or that of the tick
+  alignas(64) float mean[BLOCK_PIXELS];       // its running mean
+  alignas(64) float dn[BLOCK_PIXELS];
+  alignas(64) float log_part[BLOCK_PIXELS];
+  alignas(64) float a[BLOCK_PIXELS];  // LowpassStep at the light of each pixel
+  alignas(64) float b[BLOCK_PIXELS];
+  alignas(64) float lag[BLOCK_PIXELS];         // of the follower behind a photoreceptor
+  alignas(64) float log[BLOCK_PIXELS];         // log intensity at the end of the tick
+  alignas(64) float from[2][BLOCK_PIXELS];     // output of each filter at the start of the tick
+  alignas(64) double reference[BLOCK_PIXELS];  // at the start of the tick
+  alignas(64) double drift[BLOCK_PIXELS];      // by how much it sinks in the tick
 };
 
 // The luminance of a block, compared with the last tick.
@@ -52,7 +52,7 @@ EVS_ALWAYS_INLINE LuminanceCheck check_luminance(const float* luminance, const f
 
 // Luminance to log intensity. In/out: `changed`, whether the state of the block changes. Out:
 // pixels with unusable luminance, which keep their last one.
-template <LogKind kind>
+template <LogKind KIND>
 EVS_ALWAYS_INLINE size_t log_intensity(const PixelStep& step, size_t first, size_t count,
                                        Scratch& s, bool safe, bool& changed) {
   const LogMap map = step.settings.map;
@@ -60,12 +60,12 @@ EVS_ALWAYS_INLINE size_t log_intensity(const PixelStep& step, size_t first, size
   s.usable = luminance;
   const float* __restrict last = step.arrays.last_luminance + first;
   const float* __restrict last_log = step.arrays.last_log + first;
-  const float largest = step.settings.averages() ? kLargestMean : kLargest;
+  const float largest = step.settings.averages() ? LARGEST_MEAN : LARGEST;
   // all luminance is usable: only map it
   if (safe && !step.settings.averages()) {
     for (size_t i = 0; i < count; i++) s.dn[i] = to_dn(map, luminance[i]);
-    for (size_t i = 0; i < count; i++) s.log_part[i] = log_part<kind>(map, s.dn[i]);
-    for (size_t i = 0; i < count; i++) s.log[i] = with_log_part<kind>(map, s.dn[i], s.log_part[i]);
+    for (size_t i = 0; i < count; i++) s.log_part[i] = log_part<KIND>(map, s.dn[i]);
+    for (size_t i = 0; i < count; i++) s.log[i] = with_log_part<KIND>(map, s.dn[i], s.log_part[i]);
     return 0;
   }
   // replace unusable luminance by the last one
@@ -89,11 +89,11 @@ EVS_ALWAYS_INLINE size_t log_intensity(const PixelStep& step, size_t first, size
   if (clamped != 0 || step.settings.averages()) {
     for (size_t i = 0; i < count; i++) s.dn[i] = to_dn(map, light[i]);
   }
-  for (size_t i = 0; i < count; i++) s.log_part[i] = log_part<kind>(map, s.dn[i]);
+  for (size_t i = 0; i < count; i++) s.log_part[i] = log_part<KIND>(map, s.dn[i]);
   for (size_t i = 0; i < count; i++) {
-    const float new_log = with_log_part<kind>(map, s.dn[i], s.log_part[i]);
+    const float new_log = with_log_part<KIND>(map, s.dn[i], s.log_part[i]);
     const float old_log = last_log[i];
-    s.log[i] = select(light[i] > -kBlack, new_log, old_log);
+    s.log[i] = select(light[i] > -BLACK, new_log, old_log);
   }
   return clamped;
 }
@@ -102,12 +102,12 @@ EVS_ALWAYS_INLINE size_t log_intensity(const PixelStep& step, size_t first, size
 EVS_ALWAYS_INLINE size_t log_intensity(const PixelStep& step, size_t first, size_t count,
                                        Scratch& s, bool safe, bool& changed) {
   switch (step.settings.log()) {
-    case LogKind::linlog:
-      return log_intensity<LogKind::linlog>(step, first, count, s, safe, changed);
-    case LogKind::log_eps:
-      return log_intensity<LogKind::log_eps>(step, first, count, s, safe, changed);
+    case LogKind::LINLOG:
+      return log_intensity<LogKind::LINLOG>(step, first, count, s, safe, changed);
+    case LogKind::LOG_EPS:
+      return log_intensity<LogKind::LOG_EPS>(step, first, count, s, safe, changed);
     default:
-      return log_intensity<LogKind::ln>(step, first, count, s, safe, changed);
+      return log_intensity<LogKind::LN>(step, first, count, s, safe, changed);
   }
 }
 
@@ -145,7 +145,7 @@ struct Signal {
 EVS_ALWAYS_INLINE float photoreceptor_rate(const PixelStep& step, float dn, float y0, float x0) {
   const float z = step.lowpass_low + step.lowpass_slope * dn;
   return step.settings.steps_by_large_signal() ? large_signal_rate(z, y0, x0)
-                                               : at_most(flush_to_zero(z, kSlowest), kLongest);
+                                               : at_most(flush_to_zero(z, SLOWEST), LONGEST);
 }
 
 // The follower's lag behind a block of photoreceptors, and their rates and LowpassStep::a.
@@ -177,10 +177,10 @@ EVS_ALWAYS_INLINE void follower_lags(const PixelStep& step, size_t first, size_t
       rate[i] = k;
     }
   };
-  if (largest >= std::bit_cast<uint32_t>(kSmallSignal)) {
+  if (largest >= std::bit_cast<uint32_t>(SMALL_SIGNAL)) {
     rates([&](size_t i) { return large_signal_rate(low + slope * dn[i], p0[i], x0[i]); });
   } else {
-    rates([&](size_t i) { return at_most(low + slope * dn[i], kLongest); });
+    rates([&](size_t i) { return at_most(low + slope * dn[i], LONGEST); });
   }
   auto lags = [&](auto&& pole_of) {
     for (size_t i = 0; i < count; i++) {
@@ -189,7 +189,7 @@ EVS_ALWAYS_INLINE void follower_lags(const PixelStep& step, size_t first, size_t
       lag[i] = follower_lag(rate[i], pole, z, follower);
     }
   };
-  if (slowest < std::bit_cast<uint32_t>(kVanished)) {
+  if (slowest < std::bit_cast<uint32_t>(VANISHED)) {
     lags([](float k) { return lowpass_step(k); });
   } else {
     lags([](float k) { return LowpassStep{1.0f, 1.0f - 1.0f / k}; });
@@ -215,7 +215,7 @@ EVS_ALWAYS_INLINE void step_large_signals(const PixelStep& step, size_t first, s
     }
   }
   if (moving == 0) {
-    for (size_t i = 0; i < count; i++) y1[i] = flush_to_zero(y0[i], kFaded);
+    for (size_t i = 0; i < count; i++) y1[i] = flush_to_zero(y0[i], FADED);
     return;
   }
   // the bits of rates have their order; those of NaN come after them
@@ -227,8 +227,7 @@ EVS_ALWAYS_INLINE void step_large_signals(const PixelStep& step, size_t first, s
     fastest = bits > fastest ? bits : fastest;
   }
   uint32_t apart = 1;  // signals, from their light
-  if (slowest >= std::bit_cast<uint32_t>(kInLight) &&
-      fastest <= std::bit_cast<uint32_t>(kLongest)) {
+  if (slowest >= std::bit_cast<uint32_t>(IN_LIGHT) && fastest <= std::bit_cast<uint32_t>(LONGEST)) {
     apart = 0;
     for (size_t i = 0; i < count; i++) apart |= is_near_light(y0[i], x0[i], x1[i]) ? 0u : 1u;
   }
@@ -365,7 +364,7 @@ EVS_ALWAYS_INLINE double leak_rate(const PixelStep& step, size_t pixel, float dn
 EVS_ALWAYS_INLINE void apply_skipped_leak(const PixelStep& step, size_t first, size_t count) {
   if (step.pattern.leak == nullptr) return;
   const double skipped_us =
-      static_cast<double>(step.tick.begin_us - step.arrays.since_us[first / kBlock]);
+      static_cast<double>(step.tick.begin_us - step.arrays.since_us[first / BLOCK_PIXELS]);
   if (skipped_us == 0.0) return;
   const float* light =
       (step.settings.averages() ? step.arrays.running_mean.mean : step.arrays.last_luminance) +

@@ -32,8 +32,8 @@ class PixelLatches {
     }
     take_all([](uint32_t) {});
     // free the memory of a burst
-    constexpr size_t kKeep = 1 << 16;
-    if (chain_.size() > kKeep && count <= kKeep) std::vector<Latched>().swap(chain_);
+    constexpr size_t KEEP = 1 << 16;
+    if (chain_.size() > KEEP && count <= KEEP) std::vector<Latched>().swap(chain_);
     if (chain_.size() < count) chain_.resize(count);
   }
 
@@ -96,10 +96,10 @@ class PixelLatches {
       bits[column / 64] &= ~(uint64_t{1} << (column % 64));
       return {taken, 1};
     }
-    if (count <= kFew) {
-      int32_t columns[kFew];
-      uint32_t indices[kFew];
-      std::fill_n(columns, kFew, std::numeric_limits<int32_t>::max());
+    if (count <= FEW) {
+      int32_t columns[FEW];
+      uint32_t indices[FEW];
+      std::fill_n(columns, FEW, std::numeric_limits<int32_t>::max());
       for (size_t i = 0; i < count; i++) {
         const size_t column = static_cast<size_t>(chain_[index].column);
         bits[column / 64] &= ~(uint64_t{1} << (column % 64));
@@ -141,7 +141,7 @@ class PixelLatches {
   }
 
  private:
-  static constexpr size_t kFew = 8;
+  static constexpr size_t FEW = 8;
 
   struct Row {
     uint32_t latest;  // index of its latest request
@@ -155,7 +155,7 @@ class PixelLatches {
   static uint64_t all_if(bool holds) { return uint64_t{0} - static_cast<uint64_t>(holds); }
 
   // How many of the columns are left of one.
-  static size_t rank_of(int32_t column, const int32_t (&columns)[kFew]) {
+  static size_t rank_of(int32_t column, const int32_t (&columns)[FEW]) {
     int32_t rank = 0;
     for (int32_t other : columns) rank += other < column;
     return static_cast<size_t>(rank);

@@ -11,7 +11,7 @@
 namespace evs {
 
 // The terms that draw random numbers are listed in emulator/sensor/random.py.
-inline constexpr uint64_t kTermShot = 6;
+inline constexpr uint64_t TERM_SHOT = 6;
 
 // 64 mixed bits: two rounds of SplitMix64 (Steele, Lea, Flood 2014).
 EVS_ALWAYS_INLINE uint64_t hash(uint64_t key, uint64_t counter) {
@@ -31,13 +31,13 @@ EVS_ALWAYS_INLINE double uniform(uint64_t bits) {
 
 // Natural logarithm by the series of artanh; error below 1e-15 for values in [2^-53, 1].
 EVS_ALWAYS_INLINE double ln_double(double value) {
-  constexpr double kRoot = 0.70710678118654757;  // sqrt(1 / 2) as a double
+  constexpr double ROOT = 0.70710678118654757;  // sqrt(1 / 2) as a double
   const uint64_t bits = std::bit_cast<uint64_t>(value);
   const int exponent = static_cast<int>(bits >> 52) - 1022;
   // in [1/2, 1)
   const double mantissa =
       std::bit_cast<double>((bits & 0xfffffffffffffull) | 0x3fe0000000000000ull);
-  const double z = (mantissa - kRoot) / (mantissa + kRoot);
+  const double z = (mantissa - ROOT) / (mantissa + ROOT);
   const double square = z * z;
   double series = 0.0;
   for (int odd = 21; odd > 0; odd -= 2) series = series * square + 1.0 / odd;

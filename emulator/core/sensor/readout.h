@@ -32,12 +32,12 @@ struct ReadoutSettings {
   int height = 0;
   double latency_us = 0;
   double latency_sigma_us = 0;
-  ReadoutOrder order = ReadoutOrder::ideal;
+  ReadoutOrder order = ReadoutOrder::IDEAL;
   ArbiterTimes arbiter;
   ScanTimes scan;
   RateControl rate;
   Link link;
-  // of each pixel: kKept, or the entry of `clock` that counts its dropped events; empty: all are
+  // of each pixel: KEPT, or the entry of `clock` that counts its dropped events; empty: all are
   // kept
   std::vector<uint8_t> fates;
 };
@@ -57,28 +57,28 @@ class Readout {
     // check the events and the state
     check(events, count, t_begin_us, t_end_us);
     const int64_t end_ns = t_end_us * 1000;
-    if (clock[Delayed] < 0 || clock[Held] < 0 || clock[Reading] < 0 || clock[Queued] < 0 ||
-        static_cast<size_t>(clock[Delayed] + clock[Held] + clock[Reading] + clock[Queued]) !=
+    if (clock[DELAYED] < 0 || clock[HELD] < 0 || clock[READING] < 0 || clock[QUEUED] < 0 ||
+        static_cast<size_t>(clock[DELAYED] + clock[HELD] + clock[READING] + clock[QUEUED]) !=
             waiting.size()) {
       throw std::invalid_argument("the state's counts do not fit what waits in it");
     }
     for (const Request& request : waiting) {
       if (!on_sensor(request.event)) throw std::invalid_argument("an event is not on the sensor");
     }
-    if (clock[LastRow] >= settings_.height || clock[AccessRow] >= settings_.height ||
-        clock[LastRow] < -1 || clock[AccessRow] < -1) {
+    if (clock[LAST_ROW] >= settings_.height || clock[ACCESS_ROW] >= settings_.height ||
+        clock[LAST_ROW] < -1 || clock[ACCESS_ROW] < -1) {
       throw std::invalid_argument("the state is of a sensor with more rows");
     }
-    const auto held = waiting.begin() + clock[Delayed];
-    const auto reading = held + clock[Held];
-    const auto queued = reading + clock[Reading];
+    const auto held = waiting.begin() + clock[DELAYED];
+    const auto reading = held + clock[HELD];
+    const auto queued = reading + clock[READING];
 
     // collect the requests: held by pixels first, then delayed, then new
     requests_.assign(held, reading);
     requests_.insert(requests_.end(), waiting.begin(), held);
     reading_.assign(reading, queued);
     queue_.assign(queued, waiting.end());
-    const size_t first_new = static_cast<size_t>(clock[Held]);
+    const size_t first_new = static_cast<size_t>(clock[HELD]);
     add_requests(events, count, clock);
     const size_t due = sort_requests(first_new, end_ns);
 
@@ -88,16 +88,16 @@ class Readout {
     out.events.reset(new Event[most]);
     OutputStage stage{settings_.rate, settings_.link, clock, end_ns, queue_, out};
     stage.release();
-    if (settings_.order != ReadoutOrder::ideal) latches_.clear(requests_.size());
+    if (settings_.order != ReadoutOrder::IDEAL) latches_.clear(requests_.size());
     switch (settings_.order) {
-      case ReadoutOrder::ideal:
+      case ReadoutOrder::IDEAL:
         for (size_t i = 0; i < due; i++) stage.read(requests_[i].ns, requests_[i].event);
         break;
-      case ReadoutOrder::arbiter:
+      case ReadoutOrder::ARBITER:
         run_arbiter(settings_.arbiter, access_times_, requests_.data(), first_new, due, end_ns,
                     clock, latches_, stage);
         break;
-      case ReadoutOrder::scan:
+      case ReadoutOrder::SCAN:
         run_scan(settings_.scan, settings_.width, requests_, due, end_ns, clock, latches_, reading_,
                  stage);
         break;
@@ -105,15 +105,15 @@ class Readout {
 
     // keep the others in the state
     waiting.assign(requests_.begin() + static_cast<ptrdiff_t>(due), requests_.end());
-    clock[Delayed] = static_cast<int64_t>(waiting.size());
-    if (settings_.order != ReadoutOrder::ideal) {
+    clock[DELAYED] = static_cast<int64_t>(waiting.size());
+    if (settings_.order != ReadoutOrder::IDEAL) {
       latches_.take_all([&](uint32_t index) { waiting.push_back(requests_[index]); });
     }
-    clock[Held] = static_cast<int64_t>(waiting.size()) - clock[Delayed];
+    clock[HELD] = static_cast<int64_t>(waiting.size()) - clock[DELAYED];
     waiting.insert(waiting.end(), reading_.begin(), reading_.end());
-    clock[Reading] = static_cast<int64_t>(reading_.size());
+    clock[READING] = static_cast<int64_t>(reading_.size());
     waiting.insert(waiting.end(), queue_.begin(), queue_.end());
-    clock[Queued] = static_cast<int64_t>(queue_.size());
+    clock[QUEUED] = static_cast<int64_t>(queue_.size());
     if (out.count < most / 2) {
       // hold no memory for what was dropped or waits
       std::unique_ptr<Event[]> fitting(new Event[out.count]);
@@ -151,11 +151,11 @@ class Readout {
       count = keep_events(events, count, clock);
       events = kept_.data();
     }
-    const uint64_t seed = static_cast<uint64_t>(clock[Seed]);
-    const bool early = settings_.order == ReadoutOrder::arbiter && settings_.arbiter.phase_ns > 0;
+    const uint64_t seed = static_cast<uint64_t>(clock[CLOCK_SEED]);
+    const bool early = settings_.order == ReadoutOrder::ARBITER && settings_.arbiter.phase_ns > 0;
     const bool jitter = settings_.latency_sigma_us > 0;
     const bool late = settings_.latency_us > 0 || jitter;
-    if (early) phases_.draw(term_key(seed, kTermPhase), settings_.arbiter.phase_ns, events, count);
+    if (early) phases_.draw(term_key(seed, TERM_PHASE), settings_.arbiter.phase_ns, events, count);
     const size_t before = requests_.size();
     requests_.resize(before + count);
     Request* const requests = requests_.data() + before;
@@ -163,7 +163,7 @@ class Readout {
       add_by_phase(events, phases_.ns(), count, requests);
       return;
     }
-    const uint64_t key = term_key(seed, kTermLatency);
+    const uint64_t key = term_key(seed, TERM_LATENCY);
     for (size_t i = 0; i < count; i++) {
       const Event& event = events[i];
       int64_t ns = event.t * 1000;
@@ -187,7 +187,7 @@ class Readout {
     for (size_t i = 0; i < count; i++) {
       const size_t x = static_cast<size_t>(events[i].x), y = static_cast<size_t>(events[i].y);
       const uint8_t fate = settings_.fates[y * static_cast<size_t>(settings_.width) + x];
-      if (fate == kKept) {
+      if (fate == KEPT) {
         kept_.push_back(events[i]);
       } else {
         clock[fate]++;
@@ -222,16 +222,16 @@ class Readout {
     }
   }
 
-  // The same for up to kMost events of one us. The place of each is the number of those before it,
+  // The same for up to MOST events of one us. The place of each is the number of those before it,
   // which takes no branch.
-  template <size_t kMost>
+  template <size_t MOST>
   static void add_few(const Event* events, const int32_t* phases_ns, size_t count,
                       Request* requests) {
     // no two keys are equal
-    int32_t keys[kMost];
-    std::fill_n(keys, kMost, std::numeric_limits<int32_t>::max());
+    int32_t keys[MOST];
+    std::fill_n(keys, MOST, std::numeric_limits<int32_t>::max());
     for (size_t i = 0; i < count; i++) {
-      keys[i] = static_cast<int32_t>(i) - phases_ns[i] * static_cast<int32_t>(kMost);
+      keys[i] = static_cast<int32_t>(i) - phases_ns[i] * static_cast<int32_t>(MOST);
     }
     const int64_t stamp_ns = events->t * 1000;
     for (size_t i = 0; i < count; i++) {
@@ -256,12 +256,12 @@ class Readout {
 
   // free the memory of a burst
   void free_scratch() {
-    constexpr size_t kKeep = 1 << 16;
-    if (kept_.capacity() > kKeep) std::vector<Event>().swap(kept_);
-    if (requests_.capacity() > kKeep) std::vector<Request>().swap(requests_);
-    phases_.free_beyond(kKeep);
-    if (reading_.capacity() > kKeep) std::vector<Request>().swap(reading_);
-    if (queue_.capacity() > kKeep) std::vector<Request>().swap(queue_);
+    constexpr size_t KEEP = 1 << 16;
+    if (kept_.capacity() > KEEP) std::vector<Event>().swap(kept_);
+    if (requests_.capacity() > KEEP) std::vector<Request>().swap(requests_);
+    phases_.free_beyond(KEEP);
+    if (reading_.capacity() > KEEP) std::vector<Request>().swap(reading_);
+    if (queue_.capacity() > KEEP) std::vector<Request>().swap(queue_);
   }
 
   ReadoutSettings settings_;

@@ -10,7 +10,7 @@
 
 namespace evs {
 
-enum class ErcDrop { time, row, column };
+enum class ErcDrop { TIME, ROW, COLUMN };
 
 // Event rate control as in Prophesee's sensors (US patent 11631246; OpenEB: a reference period of
 // 200 us, a target count, and dropping in time, by rows or by columns). The count of the last
@@ -18,7 +18,7 @@ enum class ErcDrop { time, row, column };
 struct RateControl {
   int64_t target = 0;     // events a period; 0: off
   int64_t period_us = 1;  // period k is (k - 1, k] times this
-  ErcDrop drop = ErcDrop::time;
+  ErcDrop drop = ErcDrop::TIME;
 };
 
 // The link sends at most `rate` events a second. Its FIFO holds `fifo` events, including the one
@@ -43,7 +43,7 @@ class OutputStage {
               std::vector<Request>& queue, EventBuffer& out)
       : rate_(rate), link_(link), clock_(clock), end_ns_(end_ns), queue_(queue), out_(out) {
     if (link.rate > 0) {
-      sent_ns_ = busy_ns(clock[LinkSent]);
+      sent_ns_ = busy_ns(clock[LINK_SENT]);
       each_ns_ = busy_ns(1);
     }
   }
@@ -60,13 +60,13 @@ class OutputStage {
   // Take an event that is read at `ns`, not before the last one and not after the tick.
   EVS_ALWAYS_INLINE void read(int64_t ns, const Event& event) {
     if (rate_.target > 0 && !passes(stamp_us(ns), event)) {
-      clock_[DropErc]++;
+      clock_[DROP_ERC]++;
       return;
     }
     if (link_.rate > 0) {
       int64_t leaves = ns;
       if (!enqueue(leaves)) {
-        clock_[DropFifo]++;
+        clock_[DROP_FIFO]++;
         return;
       }
       if (link_.stamp_sent) ns = leaves;
@@ -89,29 +89,29 @@ class OutputStage {
   bool passes(int64_t t_us, const Event& event) {
     if (t_us > period_end_us_) {
       const int64_t period = ceil_div(t_us, rate_.period_us);
-      if (period != clock_[ErcPeriod]) {
-        clock_[ErcBefore] = period == clock_[ErcPeriod] + 1 ? clock_[ErcCount] : 0;
-        clock_[ErcPeriod] = period;
-        clock_[ErcCount] = clock_[ErcPassed] = clock_[ErcShare] = 0;
+      if (period != clock_[ERC_PERIOD]) {
+        clock_[ERC_BEFORE] = period == clock_[ERC_PERIOD] + 1 ? clock_[ERC_COUNT] : 0;
+        clock_[ERC_PERIOD] = period;
+        clock_[ERC_COUNT] = clock_[ERC_PASSED] = clock_[ERC_SHARE] = 0;
       }
       period_end_us_ = period * rate_.period_us;
     }
-    clock_[ErcCount]++;
-    const int64_t before = clock_[ErcBefore];
+    clock_[ERC_COUNT]++;
+    const int64_t before = clock_[ERC_BEFORE];
     if (before > rate_.target) {
-      if (rate_.drop == ErcDrop::time) {
+      if (rate_.drop == ErcDrop::TIME) {
         // pass `target` of every `before` events, evenly spread
-        clock_[ErcShare] += rate_.target;
-        if (clock_[ErcShare] < before) return false;
-        clock_[ErcShare] -= before;
+        clock_[ERC_SHARE] += rate_.target;
+        if (clock_[ERC_SHARE] < before) return false;
+        clock_[ERC_SHARE] -= before;
       } else {
         // drop so many of every 32 lines; one always stays
         const int64_t lines = std::min<int64_t>(31, ceil_div(32 * (before - rate_.target), before));
-        if (bit_reversed(rate_.drop == ErcDrop::row ? event.y : event.x) < lines) return false;
+        if (bit_reversed(rate_.drop == ErcDrop::ROW ? event.y : event.x) < lines) return false;
       }
     }
-    if (clock_[ErcPassed] >= rate_.target) return false;
-    clock_[ErcPassed]++;
+    if (clock_[ERC_PASSED] >= rate_.target) return false;
+    clock_[ERC_PASSED]++;
     return true;
   }
 
@@ -122,14 +122,14 @@ class OutputStage {
   };
 
   Busy busy_ns(int64_t events) const {
-    return Busy{events * kSecond / link_.rate, events * kSecond % link_.rate};
+    return Busy{events * SECOND / link_.rate, events * SECOND % link_.rate};
   }
 
   // Enqueue an event for the link; false if the FIFO is full. In: ns, when it arrives. Out: when it
   // leaves.
   bool enqueue(int64_t& ns) {
-    int64_t& start = clock_[LinkStartNs];
-    int64_t& sent = clock_[LinkSent];
+    int64_t& start = clock_[LINK_START_NS];
+    int64_t& sent = clock_[LINK_SENT];
     // while the link is busy, event k since its start leaves after k / rate seconds, rounded up
     const int64_t free = start + sent_ns_.ns + (sent_ns_.left > 0);
     if (sent <= 0 || ns >= free) {
@@ -140,7 +140,7 @@ class OutputStage {
     }
     // those sent since the start are the most that can wait: without a division, if they fit
     if (sent > link_.fifo || ns < start) {
-      const int64_t waiting = sent - 1 - floor_div((ns - start) * link_.rate, kSecond);
+      const int64_t waiting = sent - 1 - floor_div((ns - start) * link_.rate, SECOND);
       if (waiting >= link_.fifo) return false;
     }
     ns = free;
@@ -154,13 +154,13 @@ class OutputStage {
     // move the start on by whole seconds: exact, and no product overflows 64 bits
     if (sent > link_.rate) {
       sent -= link_.rate;
-      start += kSecond;
-      sent_ns_.ns -= kSecond;
+      start += SECOND;
+      sent_ns_.ns -= SECOND;
     }
     return true;
   }
 
-  static constexpr int64_t kSecond = 1'000'000'000;
+  static constexpr int64_t SECOND = 1'000'000'000;
 
   const RateControl& rate_;
   const Link& link_;

@@ -19,43 +19,43 @@ struct Request {
 // The entries of `clock` in emulator/sensor/readout.py, all int64. The first six count
 // dropped events by cause.
 enum ClockPlace : size_t {
-  DropRoi,
-  DropMask,
-  DropBusy,
-  DropScan,
-  DropErc,
-  DropFifo,
-  Seed,         // modulo 2^64
-  Delayed,      // requests that wait for their latency,
-  Held,         // requests that pixels hold,
-  Reading,      // events of a scan whose column is still to be read,
-  Queued,       // and events that wait for the link
-  FreeNs,       // arbiter: time from which it is free
-  LastRow,      // row served last; -1 before the first
-  AccessRow,    // row that is being accessed; -1 for none
-  LatchNs,      // time of its latch
-  Accesses,     // row accesses so far
-  ErcPeriod,    // event rate control: number of the period of the last event
-  ErcBefore,    // events in the period before it
-  ErcCount,     // events in it
-  ErcPassed,    // events in it that passed
-  ErcShare,     // remainder of the even thinning
-  LinkStartNs,  // link: start of its busy time, plus a second for each `rate` events
-  LinkSent,     // events since then; 0 if it was never busy
-  NextScan,     // scan: number of the first that may be read
-  ClockSize,
+  DROP_ROI,
+  DROP_MASK,
+  DROP_BUSY,
+  DROP_SCAN,
+  DROP_ERC,
+  DROP_FIFO,
+  CLOCK_SEED,     // modulo 2^64
+  DELAYED,        // requests that wait for their latency,
+  HELD,           // requests that pixels hold,
+  READING,        // events of a scan whose column is still to be read,
+  QUEUED,         // and events that wait for the link
+  FREE_NS,        // arbiter: time from which it is free
+  LAST_ROW,       // row served last; -1 before the first
+  ACCESS_ROW,     // row that is being accessed; -1 for none
+  LATCH_NS,       // time of its latch
+  ACCESSES,       // row accesses so far
+  ERC_PERIOD,     // event rate control: number of the period of the last event
+  ERC_BEFORE,     // events in the period before it
+  ERC_COUNT,      // events in it
+  ERC_PASSED,     // events in it that passed
+  ERC_SHARE,      // remainder of the even thinning
+  LINK_START_NS,  // link: start of its busy time, plus a second for each `rate` events
+  LINK_SENT,      // events since then; 0 if it was never busy
+  NEXT_SCAN,      // scan: number of the first that may be read
+  CLOCK_SIZE,
 };
-using ReadoutClock = int64_t[ClockSize];
+using ReadoutClock = int64_t[CLOCK_SIZE];
 
-inline constexpr uint8_t kKept = 255;
+inline constexpr uint8_t KEPT = 255;
 
 // Term in emulator/sensor/random.py
-inline constexpr uint64_t kTermLatency = 64;
-inline constexpr uint64_t kTermArbiter = 65;
-inline constexpr uint64_t kTermColumns = 66;
-inline constexpr uint64_t kTermPhase = 67;
+inline constexpr uint64_t TERM_LATENCY = 64;
+inline constexpr uint64_t TERM_ARBITER = 65;
+inline constexpr uint64_t TERM_COLUMNS = 66;
+inline constexpr uint64_t TERM_PHASE = 67;
 
-enum class ReadoutOrder { ideal, arbiter, scan };
+enum class ReadoutOrder { IDEAL, ARBITER, SCAN };
 
 // The counter of a pixel in the random numbers of its requests.
 inline uint64_t pixel_counter(const Event& event) {

@@ -20,9 +20,9 @@ class RequestPhases {
   void draw(uint64_t key, int64_t phase_ns, const Event* events, size_t count) {
     const uint64_t phases = static_cast<uint64_t>(phase_ns) + 1;
     ns_.resize(count);
-    uint64_t pixels[kBatch], counters[kBatch];
-    for (size_t first = 0; first < count; first += kBatch) {
-      const size_t batch = std::min(count - first, kBatch);
+    uint64_t pixels[BATCH], counters[BATCH];
+    for (size_t first = 0; first < count; first += BATCH) {
+      const size_t batch = std::min(count - first, BATCH);
       for (size_t i = 0; i < batch; i++) {
         const Event& event = events[first + i];
         pixels[i] = pixel_counter(event);
@@ -41,7 +41,7 @@ class RequestPhases {
   }
 
  private:
-  static constexpr size_t kBatch = 64;
+  static constexpr size_t BATCH = 64;
   using Draw = void (*)(uint64_t key, uint64_t phases, const uint64_t* pixels,
                         const uint64_t* counters, size_t count, int32_t* out);
 

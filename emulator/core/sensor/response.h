@@ -74,7 +74,7 @@ EVS_ALWAYS_INLINE Response straighten(Response response, double tick) {
 // and bisection to a us where that fails.
 EVS_CALL_ON_DEVICE inline double share_at(const Response& response, double level, bool up,
                                           double from, double begin, double tick) {
-  constexpr int kHalley = 6, kMost = 40;
+  constexpr int HALLEY = 6, MOST = 40;
   const double sign = up ? 1.0 : -1.0;
   const double left = sign * (level - begin);
   const double total = sign * (response.end - begin);
@@ -94,7 +94,7 @@ EVS_CALL_ON_DEVICE inline double share_at(const Response& response, double level
     const double soon = 1.5 * response.settling;
     u = u < soon ? u : soon;
   }
-  for (int i = 0; i < kMost; i++) {
+  for (int i = 0; i < MOST; i++) {
     const Response::Point point = response.at(u);
     const double beyond = sign * (point.y - level);
     (beyond < 0.0 ? low : high) = u;
@@ -102,7 +102,7 @@ EVS_CALL_ON_DEVICE inline double share_at(const Response& response, double level
     const double curve = beyond * (sign * point.bend);
     const double square = rise * rise;
     double next = u - 2.0 * beyond * rise / (2.0 * square - curve);
-    const bool bisects = i >= kHalley || !(next > low && next < high);
+    const bool bisects = i >= HALLEY || !(next > low && next < high);
     if (bisects) next = 0.5 * (low + high);
     const double moves = std::abs(next - u) * tick;
     u = next;

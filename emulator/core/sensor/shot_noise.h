@@ -16,7 +16,7 @@
 
 namespace evs {
 
-inline constexpr size_t kBlock = 64;  // pixels that are stepped together
+inline constexpr size_t BLOCK_PIXELS = 64;  // pixels that are stepped together
 
 struct ShotNoise {
   uint64_t key = 0;     // from the seed and the term
@@ -42,8 +42,8 @@ struct ShotClock {
   int64_t* count;
 };
 
-inline constexpr int64_t kShotUnits = 1024;  // in a us
-inline constexpr int64_t kNever = int64_t{1} << 62;
+inline constexpr int64_t SHOT_UNITS = 1024;  // in a us
+inline constexpr int64_t NEVER = int64_t{1} << 62;
 
 struct ShotCandidate {
   uint32_t pixel;   // in its block
@@ -70,11 +70,11 @@ inline void draw_candidates(const ShotNoise& shot, ShotClock clock, size_t block
                             std::vector<ShotCandidate>& out) {
   const uint64_t key = hash(shot.key, block + 1);
   const double mean_gap =
-      1e6 * static_cast<double>(kShotUnits) / (bound * static_cast<double>(pixels));
-  while (*clock.next <= end_us * kShotUnits) {
+      1e6 * static_cast<double>(SHOT_UNITS) / (bound * static_cast<double>(pixels));
+  while (*clock.next <= end_us * SHOT_UNITS) {
     const uint64_t number = static_cast<uint64_t>(*clock.count) * 2;
     if (number > 0) {  // the first time is the start of the clock, not a candidate
-      const int64_t stamp = (*clock.next + kShotUnits - 1) / kShotUnits;
+      const int64_t stamp = (*clock.next + SHOT_UNITS - 1) / SHOT_UNITS;
       const uint64_t bits = hash(key, number + 2);
       const uint64_t pixel = (bits >> 32) * pixels >> 32;
       const double draw = static_cast<double>(static_cast<uint32_t>(bits)) * 0x1p-32 * bound;
@@ -82,7 +82,7 @@ inline void draw_candidates(const ShotNoise& shot, ShotClock clock, size_t block
     }
     const double gap = std::ceil(exponential(hash(key, number + 1)) * mean_gap);
     // a block of dead pixels has an infinite gap
-    *clock.next = gap < 0x1p61 ? *clock.next + static_cast<int64_t>(gap) : kNever;
+    *clock.next = gap < 0x1p61 ? *clock.next + static_cast<int64_t>(gap) : NEVER;
     *clock.count += 1;
   }
 }

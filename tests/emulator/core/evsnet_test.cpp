@@ -17,8 +17,8 @@
 namespace evs {
 namespace {
 
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-constexpr int kFrames = 150;
+constexpr float NAN = std::numeric_limits<float>::quiet_NaN();
+constexpr int FRAMES = 150;
 
 // A network and the memory of its parameters.
 struct Filters {
@@ -40,9 +40,9 @@ struct Filters {
     }
     for (int i = 0; i < channels; i++) pointwise.push_back(normal(random));
     delays.assign(static_cast<size_t>(blocks), delay);
-    for (int i = 0; i < kDecayLow; i++)
+    for (int i = 0; i < DECAY_LOW; i++)
       decay_low.push_back(std::pow(0.998f, static_cast<float>(i)));
-    for (int i = 0; i < kDecayHigh; i++) decay_high.push_back(i == 0 ? 1.0f : i == 1 ? 0.6f : 0.0f);
+    for (int i = 0; i < DECAY_HIGH; i++) decay_high.push_back(i == 0 ? 1.0f : i == 1 ? 0.6f : 0.0f);
     network.weights = weights.data();
     network.biases = biases.data();
     network.delays = delays.data();
@@ -65,8 +65,8 @@ std::vector<float> film(Size size) {
   std::mt19937 random(7);
   std::vector<float> light;
   std::vector<float> frame(size.pixels(), 0.5f);
-  const float values[] = {0.5f, 0.0f, 1e9f, -1.0f, kNan, 1e-40f, -0.0f, 3e38f, 1e-19f, 0.7f};
-  for (int k = 0; k < kFrames; k++) {
+  const float values[] = {0.5f, 0.0f, 1e9f, -1.0f, NAN, 1e-40f, -0.0f, 3e38f, 1e-19f, 0.7f};
+  for (int k = 0; k < FRAMES; k++) {
     // stand still for longer than a tile keeps its row of memory
     if (k < 30 || k > 120) {
       for (float& pixel : frame) {
@@ -108,9 +108,9 @@ Result run(const NetworkSettings& settings, Size size, const std::vector<float>&
   out.v.assign(size.pixels(), 0.3f);
   out.last.assign(size.pixels(), 0);
   out.rows.assign(size.tiles(), -1);
-  out.currents.assign(light.size(), kNan);
-  std::vector<float> last_luminance(size.pixels(), -1.0f), last_log(size.pixels(), kNan);
-  std::vector<int64_t> moved(size.tiles() * kLanes, -(int64_t{1} << 60));
+  out.currents.assign(light.size(), NAN);
+  std::vector<float> last_luminance(size.pixels(), -1.0f), last_log(size.pixels(), NAN);
+  std::vector<int64_t> moved(size.tiles() * TILE_LANES, -(int64_t{1} << 60));
   std::vector<uint8_t> loud(size.tiles(), 0);
   NetworkArrays arrays;
   arrays.last_luminance = last_luminance.data();
@@ -126,12 +126,12 @@ Result run(const NetworkSettings& settings, Size size, const std::vector<float>&
     out.fifo.resize(rows * settings.network.row_floats());
     return out.fifo.data();
   };
-  for (int k = 0; k < kFrames; k += cut) {
+  for (int k = 0; k < FRAMES; k += cut) {
     arrays.fifo = out.fifo.data();
     arrays.rows = rows;
     NetworkChunk chunk;
     chunk.luminance = light.data() + static_cast<size_t>(k) * size.pixels();
-    chunk.ticks = std::min(cut, kFrames - k);
+    chunk.ticks = std::min(cut, FRAMES - k);
     chunk.tick = k;
     chunk.begin_us = 1000 * k;
     chunk.currents = out.currents.data() + static_cast<size_t>(k) * size.pixels();
@@ -149,27 +149,27 @@ Result run_on_device(const NetworkSettings& settings, Size size, const std::vect
   std::vector<char> block(constants.bytes() + 256);
   char* aligned = block.data() + (256 - reinterpret_cast<uintptr_t>(block.data()) % 256) % 256;
   constants.copy(reinterpret_cast<uint64_t>(aligned), aligned);
-  const size_t pixels = size.pixels(), groups = (pixels + kGroup - 1) / kGroup;
+  const size_t pixels = size.pixels(), groups = (pixels + TILE_GROUP - 1) / TILE_GROUP;
   Result out;
   out.v.assign(pixels, 0.3f);
   out.last.assign(pixels, 0);
-  std::vector<float> last_luminance(pixels, -1.0f), last_log(pixels, kNan);
+  std::vector<float> last_luminance(pixels, -1.0f), last_log(pixels, NAN);
   std::vector<int64_t> moved(pixels, -(int64_t{1} << 60));
   std::vector<float> fifo(pixels * static_cast<size_t>(settings.network.fifo_floats()));
   std::vector<float> current(pixels), leaked(pixels);
   std::vector<uint16_t> marks(pixels);
-  std::vector<uint32_t> counts(kGroupCounts * groups), totals(kGroupCounts);
+  std::vector<uint32_t> counts(GROUP_COUNTS * groups), totals(GROUP_COUNTS);
   const DeviceNetwork network = constants.argument(
       reinterpret_cast<uint64_t>(aligned),
       {last_luminance.data(), last_log.data(), out.v.data(), out.last.data(), moved.data(),
        fifo.data(), current.data(), leaked.data(), marks.data(), counts.data(), totals.data()});
   const FlushDenormals flush;
   const size_t blocks = (pixels + 127) / 128;
-  for (int64_t tick = 0; tick < kFrames; tick++) {
+  for (int64_t tick = 0; tick < FRAMES; tick++) {
     const float* frame = light.data() + static_cast<size_t>(tick) * pixels;
     run_network_kernel("step_pixels", blocks, 128, {&network, &tick, &frame});
     run_network_kernel("sum_groups", 1 + groups / 128, 128, {&network});
-    run_network_kernel("scan_groups", kGroupCounts, kScanThreads, {&network});
+    run_network_kernel("scan_groups", GROUP_COUNTS, SCAN_THREADS, {&network});
     std::vector<std::vector<Crossing>> crossings(1, std::vector<Crossing>(totals[0]));
     Crossing* to = crossings[0].data();
     run_network_kernel("write_crossings", blocks, 128, {&network, &to});
@@ -191,7 +191,7 @@ void survives(Filters filters, Size size, int most = 1) {
   check(!expected.events.empty(), "moving light makes a network fire");
   check(expected.counts.clamped > 0, "unusable luminance is counted");
   bool finite = true, sorted = true;
-  for (float v : expected.v) finite = finite && std::abs(v) <= kLargestV;
+  for (float v : expected.v) finite = finite && std::abs(v) <= LARGEST_V;
   for (float value : expected.fifo) finite = finite && std::isfinite(value);
   check(finite, "no light makes a membrane or a FIFO infinite");
   for (size_t i = 1; i < expected.events.size(); i++) {
@@ -200,7 +200,7 @@ void survives(Filters filters, Size size, int most = 1) {
   check(sorted, "the network's events are sorted");
 
   for (const std::string& isa : isa_available()) {
-    for (int cut : {1, 7, 16, kChunk}) {
+    for (int cut : {1, 7, 16, TICK_CHUNK}) {
       const Result found = run(filters.settings, size, light, isa, cut % 3 + 1, cut);
       check(found.same_stream(expected), "every instruction set and cut gives the same stream");
       check(found.same_memory(expected), "every instruction set and cut leaves the same memory");
@@ -242,7 +242,7 @@ void networks_survive_any_light() {
   survives(Filters(1, 3, 1, true, 1.0f), size);
   survives(Filters(9, 0, 0, false, 1.0f), size);
   survives(Filters(4, 3, 2, false, 1e12f), size);  // sums overflow
-  for (int most : {3, kMostSpikes}) {
+  for (int most : {3, MOST_SPIKES}) {
     survives(Filters(4, 1, 0, false, 1.0f), {13, 6}, most);
     survives(Filters(4, 3, 2, false, 1e12f), size, most);
     survives(Filters(3, 2, 5, true, 1.0f), size, most);

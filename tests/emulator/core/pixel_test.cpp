@@ -15,9 +15,9 @@
 namespace evs {
 namespace {
 
-constexpr int kWidth = 37, kHeight = 11;
-constexpr size_t kPixels = static_cast<size_t>(kWidth) * kHeight;
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+constexpr int WIDTH = 37, HEIGHT = 11;
+constexpr size_t PIXELS = static_cast<size_t>(WIDTH) * HEIGHT;
+constexpr float NAN = std::numeric_limits<float>::quiet_NaN();
 
 // The settings of a sensor and the memory of its fixed pattern.
 struct Terms {
@@ -27,8 +27,8 @@ struct Terms {
   std::vector<uint8_t> hot;
   std::vector<uint32_t> periods;
 
-  Terms() : theta(kPixels, 0.2f), leak(kPixels, 0x1p-30f), rate(kPixels, 500.0f), hot(kPixels, 1) {
-    for (uint32_t i = 0; i < kPixels; i++) periods.push_back(i % 7 == 0 ? 1u << 30 : 1 + 13 * i);
+  Terms() : theta(PIXELS, 0.2f), leak(PIXELS, 0x1p-30f), rate(PIXELS, 500.0f), hot(PIXELS, 1) {
+    for (uint32_t i = 0; i < PIXELS; i++) periods.push_back(i % 7 == 0 ? 1u << 30 : 1 + 13 * i);
     theta[3] = std::numeric_limits<float>::infinity();  // a dead pixel
     leak[3] = 0.0f;
     rate[3] = 0.0f;
@@ -44,14 +44,14 @@ std::vector<Event> run(const Terms& terms, const std::string& isa, int threads,
   RunningMean& mean = arrays.running_mean;
   mean.noise_gain = mean.drift_gain = mean.least_gain = 0.1f;
   mean.noise_weight = 1.0f;
-  PixelArray sensor(terms.settings, terms.pattern, kWidth, kHeight, threads, isa);
-  const float values[] = {0.5f, 0.0f, 1e9f, -1.0f, kNan, 1e-40f, -0.0f, 3e38f, 1e-19f, 0.5f};
-  std::vector<float> light(kPixels, 0.5f);
+  PixelArray sensor(terms.settings, terms.pattern, WIDTH, HEIGHT, threads, isa);
+  const float values[] = {0.5f, 0.0f, 1e9f, -1.0f, NAN, 1e-40f, -0.0f, 3e38f, 1e-19f, 0.5f};
+  std::vector<float> light(PIXELS, 0.5f);
   std::vector<Event> found;
   int64_t t = 0;
   int round = 0;
   for (float value : values) {
-    for (size_t i = 0; i < kPixels / 2; i += 3) light[i] = value;
+    for (size_t i = 0; i < PIXELS / 2; i += 3) light[i] = value;
     for (uint32_t us : {1000u, 1000u, 1u, 50'000u, 1000u}) {
       if (++round % 11 == 0) us = 700'000;
       // so much photon noise fills a tick of any length with events
@@ -59,10 +59,10 @@ std::vector<Event> run(const Terms& terms, const std::string& isa, int threads,
       size_t clamped = 0;
       // the rows of a frame are read, all in the first us of a short tick
       std::vector<RowRead> reads;
-      for (int32_t row = 0; terms.settings.aps_crosstalk > 0.0 && row < kHeight; row++) {
-        reads.push_back({row, 1 + row * static_cast<int32_t>(us) / kHeight});
+      for (int32_t row = 0; terms.settings.aps_crosstalk > 0.0 && row < HEIGHT; row++) {
+        reads.push_back({row, 1 + row * static_cast<int32_t>(us) / HEIGHT});
       }
-      const Tick tick{light.data(), t, us, {reads.data(), reads.size(), kWidth}};
+      const Tick tick{light.data(), t, us, {reads.data(), reads.size(), WIDTH}};
       EventBuffer events = sensor.step(arrays, tick, t, clamped);
       found.insert(found.end(), events.events.get(), events.events.get() + events.count);
       t += us;
@@ -72,12 +72,12 @@ std::vector<Event> run(const Terms& terms, const std::string& isa, int threads,
 }
 
 void survives(const Terms& terms) {
-  const PixelMemory memory(terms.settings, terms.pattern, kPixels);
+  const PixelMemory memory(terms.settings, terms.pattern, PIXELS);
   const PixelArrays& arrays = memory.arrays;
   const std::vector<Event> expected = run(terms, "portable", 1, arrays);
   check(!expected.empty(), "light makes events");
   bool finite = true;
-  for (size_t i = 0; i < kPixels; i++) finite = finite && !std::isinf(arrays.reference[i]);
+  for (size_t i = 0; i < PIXELS; i++) finite = finite && !std::isinf(arrays.reference[i]);
   check(finite, "no light makes a reference infinite");
   bool sorted = true;
   for (size_t i = 1; i < expected.size(); i++) {
@@ -86,7 +86,7 @@ void survives(const Terms& terms) {
   check(sorted, "events are sorted and carry their cause");
 
   for (const std::string& isa : isa_available()) {
-    const PixelMemory other(terms.settings, terms.pattern, kPixels);
+    const PixelMemory other(terms.settings, terms.pattern, PIXELS);
     const std::vector<Event> events = run(terms, isa, 2, other.arrays);
     check(events.size() == expected.size() &&
               std::memcmp(events.data(), expected.data(), events.size() * sizeof(Event)) == 0,

@@ -12,7 +12,7 @@
 namespace evs {
 namespace {
 
-constexpr int kWidth = 70, kHeight = 67;
+constexpr int WIDTH = 70, HEIGHT = 67;
 
 ReadoutSettings any_settings(std::mt19937& random, bool extreme) {
   auto pick = [&](auto... values) {
@@ -20,8 +20,8 @@ ReadoutSettings any_settings(std::mt19937& random, bool extreme) {
     return all[random() % (sizeof(all) / sizeof(all[0]))];
   };
   ReadoutSettings settings;
-  settings.width = kWidth;
-  settings.height = kHeight;
+  settings.width = WIDTH;
+  settings.height = HEIGHT;
   settings.latency_us = static_cast<double>(extreme ? 1'000'000 : pick(0, 7, 900));
   settings.latency_sigma_us = static_cast<double>(extreme ? 1'000'000 : pick(0, 0, 50));
   settings.order = static_cast<ReadoutOrder>(random() % 3);
@@ -29,7 +29,7 @@ ReadoutSettings any_settings(std::mt19937& random, bool extreme) {
                              : ArbiterTimes{pick(0, 500, 20'000), pick(0, 83, 900),
                                             static_cast<double>(pick(0, 300)), pick(0, 999)};
   const int64_t scan_ns = 1000 * (extreme ? 1'000'000 : pick(1, 130, 2500));
-  settings.scan = ScanTimes{scan_ns, random() % 3 ? scan_ns / kWidth : 0, random() % 2 == 0,
+  settings.scan = ScanTimes{scan_ns, random() % 3 ? scan_ns / WIDTH : 0, random() % 2 == 0,
                             extreme ? pick(1, 1'000'000) : pick(1, 1, 3),
                             extreme ? pick(1, int64_t{1} << 31) : pick(0, 1, 100)};
   settings.rate =
@@ -38,8 +38,8 @@ ReadoutSettings any_settings(std::mt19937& random, bool extreme) {
   settings.link = Link{extreme ? pick(1, 8'000'000'000) : pick(0, 20'000, 1'000'003),
                        extreme ? pick(1, int64_t{1} << 31) : pick(1, 17, 5000), random() % 2 == 0};
   if (random() % 2) {
-    for (int i = 0; i < kWidth * kHeight; i++) {
-      settings.fates.push_back(i % 5 ? kKept : static_cast<uint8_t>(i % 2));
+    for (int i = 0; i < WIDTH * HEIGHT; i++) {
+      settings.fates.push_back(i % 5 ? KEPT : static_cast<uint8_t>(i % 2));
     }
   }
   return settings;
@@ -51,8 +51,8 @@ std::vector<Event> storm(std::mt19937& random, int64_t begin_us, int64_t end_us)
     const auto span = static_cast<uint64_t>(end_us - begin_us);
     event = Event{};
     event.t = begin_us + 1 + static_cast<int64_t>(random() % span);
-    event.x = static_cast<int16_t>(random() % kWidth);
-    event.y = static_cast<int16_t>(random() % 4 ? random() % 3 : random() % kHeight);
+    event.x = static_cast<int16_t>(random() % WIDTH);
+    event.y = static_cast<int16_t>(random() % 4 ? random() % 3 : random() % HEIGHT);
     event.p = static_cast<int8_t>(random() % 2);
   }
   std::sort(events.begin(), events.end(), [](auto& a, auto& b) { return a.t < b.t; });
@@ -68,9 +68,9 @@ struct Run {
   size_t came = 0;
 
   Run(const ReadoutSettings& settings, uint64_t seed) : readout(settings) {
-    clock[Seed] = static_cast<int64_t>(seed);
-    clock[FreeNs] = clock[NextScan] = std::numeric_limits<int64_t>::min();
-    clock[LastRow] = clock[AccessRow] = -1;
+    clock[CLOCK_SEED] = static_cast<int64_t>(seed);
+    clock[FREE_NS] = clock[NEXT_SCAN] = std::numeric_limits<int64_t>::min();
+    clock[LAST_ROW] = clock[ACCESS_ROW] = -1;
   }
 
   void step(const std::vector<Event>& events, int64_t begin_us, int64_t end_us) {
@@ -85,7 +85,7 @@ struct Run {
     all.insert(all.end(), out.events.get(), out.events.get() + out.count);
     came += events.size();
     int64_t dropped = 0;
-    for (size_t cause = DropRoi; cause <= DropFifo; cause++) dropped += clock[cause];
+    for (size_t cause = DROP_ROI; cause <= DROP_FIFO; cause++) dropped += clock[cause];
     check(came == all.size() + waiting.size() + static_cast<size_t>(dropped),
           "every event is output, waits or is counted");
   }
@@ -95,14 +95,14 @@ struct Run {
 
 void readouts_lose_nothing_uncounted() {
   std::mt19937 random(11);
-  constexpr int64_t kLatest = int64_t{1} << 52;
+  constexpr int64_t LATEST = int64_t{1} << 52;
   for (int turn = 0; turn < 300; turn++) {
     const bool extreme = turn % 3 == 0;
     const ReadoutSettings settings = any_settings(random, extreme);
     const uint64_t seed = uint64_t{random()} << 32 | random();
     Run fine(settings, seed), coarse(settings, seed);
     const int64_t step_us = extreme ? 1'000'000 : 500;
-    const int64_t begins[] = {0, -kLatest, kLatest - 8 * step_us, -3 * step_us};
+    const int64_t begins[] = {0, -LATEST, LATEST - 8 * step_us, -3 * step_us};
     const int64_t begin_us = begins[turn % 4];
     std::vector<Event> whole;
     for (int64_t k = 0; k < 8; k++) {
@@ -121,7 +121,7 @@ void readouts_lose_nothing_uncounted() {
 }
 
 void row_access_times_are_drawn_exactly() {
-  const uint64_t key = term_key(11, kTermArbiter);
+  const uint64_t key = term_key(11, TERM_ARBITER);
   // the wider the jitter, the more of the batch is drawn again: a fifth at 1e6 ns, all at 1e9
   for (const double jitter_ns : {0.3, 10.0, 1e4, 1e6, 3e6, 1e9}) {
     const ArbiterTimes times{4'000'000, 0, jitter_ns, 0};

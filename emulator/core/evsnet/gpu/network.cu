@@ -27,7 +27,7 @@ extern "C" __global__ void __launch_bounds__(128)
 }
 
 // Sum the counts of the groups before each, a block for each kind of count.
-extern "C" __global__ void __launch_bounds__(kScanThreads)
+extern "C" __global__ void __launch_bounds__(SCAN_THREADS)
     scan_groups(const __grid_constant__ DeviceNetwork net) {
   __shared__ ScanSums<uint32_t> sums;
   cuda::scan_groups_of(net, blockIdx.x, sums);

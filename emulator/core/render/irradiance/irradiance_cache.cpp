@@ -118,14 +118,14 @@ IrradianceCache::IrradianceCache(size_t nodes, float spacing, int workers)
     lamp_x_[i] = static_cast<float>(reversed >> 8) * 0x1p-24f + 0.5f / LAMP_POINTS;
     lamp_y_[i] = static_cast<float>(second >> 8) * 0x1p-24f + 0.5f / LAMP_POINTS;
   }
-  constexpr int room = CHUNK + LANES, VECTORS = 8, FLOATS = 3 * VECTORS + 2;
+  constexpr int ROOM = CHUNK + LANES, VECTORS = 8, FLOATS = 3 * VECTORS + 2;
   for (Worker& w : workers_) {
     w.requests.owner = &w;
     w.requests.keep = keep;
-    w.floats.resize(static_cast<size_t>(FLOATS) * room);
-    w.ints.resize(2 * room);
+    w.floats.resize(static_cast<size_t>(FLOATS) * ROOM);
+    w.ints.resize(2 * ROOM);
     float* next = w.floats.data();
-    auto array = [&] { return std::exchange(next, next + room); };
+    auto array = [&] { return std::exchange(next, next + ROOM); };
     NodeArray& n = w.nodes;
     for (float** vector : {n.point, n.normal, n.geometric_normal, n.spawn_point, n.origin,
                            n.direction, n.hit_point, n.hit_normal}) {
@@ -134,7 +134,7 @@ IrradianceCache::IrradianceCache(size_t nodes, float spacing, int workers)
     n.path_length = array();
     n.reach = array();
     n.geom = w.ints.data();
-    n.hash = n.geom + room;
+    n.hash = n.geom + ROOM;
   }
   clear();
 }

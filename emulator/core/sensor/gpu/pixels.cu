@@ -14,7 +14,7 @@ namespace evs {
 
 // Fill the table of photon noise: one thread, once.
 extern "C" __global__ void prepare() {
-  reinterpret_cast<PassageTable*>(kPassageTableMemory)->fill();
+  reinterpret_cast<PassageTable*>(PASSAGE_TABLE_MEMORY)->fill();
 }
 
 EVS_INLINE size_t thread_index() {
@@ -23,7 +23,7 @@ EVS_INLINE size_t thread_index() {
 
 EVS_ALWAYS_INLINE void step_block_of_thread(const DevicePixels& d) {
   size_t block = thread_index();
-  size_t first = block * kBlock;
+  size_t first = block * BLOCK_PIXELS;
   if (first >= d.pixels) return;
   size_t left = d.pixels - first;
   Scratch scratch;
@@ -31,7 +31,7 @@ EVS_ALWAYS_INLINE void step_block_of_thread(const DevicePixels& d) {
   std::vector<ShotCandidate> shots{d.candidates + block * d.candidate_room, d.candidate_room};
   std::vector<Crossing> out{d.crossings + block * d.crossing_room, d.crossing_room};
   size_t clamped =
-      step_block(d.step, first, left < kBlock ? left : kBlock, scratch, budgets, shots, out);
+      step_block(d.step, first, left < BLOCK_PIXELS ? left : BLOCK_PIXELS, scratch, budgets, shots, out);
   d.counts[block] = {static_cast<uint32_t>(out.wanted), static_cast<uint32_t>(shots.wanted),
                      static_cast<uint32_t>(clamped)};
 }
@@ -57,7 +57,7 @@ extern "C" __global__ void __launch_bounds__(64)
 #endif
 
 // Find where the crossings of each block go: one block of the grid. Out: offsets (blocks,).
-extern "C" __global__ void __launch_bounds__(kScanThreads)
+extern "C" __global__ void __launch_bounds__(SCAN_THREADS)
     place_crossings(const BlockCounts* counts, unsigned blocks, uint32_t* offsets,
                     TickCounts* all) {
   __shared__ ScanSums<TickCounts> sums;

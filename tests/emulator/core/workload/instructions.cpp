@@ -23,8 +23,8 @@ void qemu_plugin_register_atexit_cb(uint64_t id, void (*ended)(uint64_t, void*),
 static uint64_t instructions = 0;
 
 static void count_block(uint64_t, qemu_plugin_tb* block) {
-  constexpr int kAdd = 0;
-  qemu_plugin_register_vcpu_tb_exec_inline(block, kAdd, &instructions,
+  constexpr int ADD = 0;
+  qemu_plugin_register_vcpu_tb_exec_inline(block, ADD, &instructions,
                                            qemu_plugin_tb_n_insns(block));
 }
 

@@ -83,9 +83,9 @@ void render(const std::string& name, const std::string& isa, int ticks, Digest& 
 
 // Event pixels as in the presets of chips: bandwidth, leak, refractory period and photon noise.
 void pixels(const std::string& isa, int ticks, Digest& digest) {
-  constexpr int kWidth = 128, kHeight = 96;
-  constexpr size_t kPixels = static_cast<size_t>(kWidth) * kHeight;
-  const std::vector<float> theta(kPixels, 0.2f), leak(kPixels, 0x1p-26f);
+  constexpr int WIDTH = 128, HEIGHT = 96;
+  constexpr size_t PIXELS = static_cast<size_t>(WIDTH) * HEIGHT;
+  const std::vector<float> theta(PIXELS, 0.2f), leak(PIXELS, 0x1p-26f);
   PixelSettings settings;
   settings.map = LogMap::physical(255, 0.1f);
   settings.lowpass_low = 1e-4, settings.lowpass_slope = 1e-4;
@@ -96,23 +96,23 @@ void pixels(const std::string& isa, int ticks, Digest& digest) {
   pattern.theta_on = pattern.theta_off = theta.data();
   pattern.leak = leak.data();
 
-  std::vector<float> light(kPixels);
-  const PixelMemory memory(settings, pattern, kPixels);
+  std::vector<float> light(PIXELS);
+  const PixelMemory memory(settings, pattern, PIXELS);
   const PixelArrays& arrays = memory.arrays;
-  PixelArray sensor(settings, pattern, kWidth, kHeight, 1, isa);
+  PixelArray sensor(settings, pattern, WIDTH, HEIGHT, 1, isa);
   for (int tick = 0; tick < ticks; tick++) {
-    film(light, kWidth, tick);
+    film(light, WIDTH, tick);
     size_t clamped = 0;
     digest.add(sensor.step(arrays, {light.data(), 1000 * tick, 1000}, 1000 * tick, clamped));
   }
-  digest.add(arrays.filtered, kPixels * sizeof(float));
-  digest.add(arrays.noise_budget, kPixels * sizeof(double));
+  digest.add(arrays.filtered, PIXELS * sizeof(float));
+  digest.add(arrays.noise_budget, PIXELS * sizeof(double));
 }
 
 // EvSNet with 8 channels, every pixel in every tick.
 void network(const std::string& isa, int ticks, Digest& digest) {
-  constexpr int kWidth = 32, kHeight = 16, kTogether = 16;
-  constexpr size_t kPixels = static_cast<size_t>(kWidth) * kHeight, kTiles = kPixels / kLanes;
+  constexpr int WIDTH = 32, HEIGHT = 16, TOGETHER = 16;
+  constexpr size_t PIXELS = static_cast<size_t>(WIDTH) * HEIGHT, TILES = PIXELS / TILE_LANES;
   NetworkSettings settings;
   Network& net = settings.network;
   net.channels = 8;
@@ -122,7 +122,7 @@ void network(const std::string& isa, int ticks, Digest& digest) {
   const std::vector<float> weights = numbers.next(net.weight_floats(), 0.3f);
   const std::vector<float> biases = numbers.next(biased, 0.05f), pointwise = numbers.next(8, 1.0f);
   const std::vector<int32_t> delays(3, 0);
-  std::vector<float> low(kDecayLow, 1.0f), high(kDecayHigh, 0.0f);
+  std::vector<float> low(DECAY_LOW, 1.0f), high(DECAY_HIGH, 0.0f);
   for (size_t i = 1; i < low.size(); i++) low[i] = low[i - 1] * 0.998f;
   high[0] = 1.0f, high[1] = 0.6f;
   net.weights = weights.data();
@@ -134,12 +134,12 @@ void network(const std::string& isa, int ticks, Digest& digest) {
   settings.tick_us = 1000;
   settings.dense = true;
 
-  std::vector<float> last_light(kPixels, -1.0f), light(kPixels);
-  std::vector<float> last_log(kPixels, std::numeric_limits<float>::quiet_NaN());
-  std::vector<float> v(kPixels), fifo, chunk_light;
-  std::vector<int64_t> last(kPixels), moved(kPixels, -(int64_t{1} << 60));
-  std::vector<int32_t> rows(kTiles, -1);
-  std::vector<uint8_t> loud(kTiles);
+  std::vector<float> last_light(PIXELS, -1.0f), light(PIXELS);
+  std::vector<float> last_log(PIXELS, std::numeric_limits<float>::quiet_NaN());
+  std::vector<float> v(PIXELS), fifo, chunk_light;
+  std::vector<int64_t> last(PIXELS), moved(PIXELS, -(int64_t{1} << 60));
+  std::vector<int32_t> rows(TILES, -1);
+  std::vector<uint8_t> loud(TILES);
   NetworkArrays arrays;
   arrays.last_luminance = last_light.data();
   arrays.last_log = last_log.data();
@@ -148,21 +148,21 @@ void network(const std::string& isa, int ticks, Digest& digest) {
   arrays.tile_row = rows.data();
   arrays.tile_moved = moved.data();
   arrays.tile_loud = loud.data();
-  NetworkArray array(settings, kWidth, kHeight, 1, isa);
+  NetworkArray array(settings, WIDTH, HEIGHT, 1, isa);
   NetworkCounts counts;
   auto grow = [&](size_t needed) {
     arrays.rows = needed;
     fifo.resize(needed * net.row_floats());
     return arrays.fifo = fifo.data();
   };
-  for (int tick = 0; tick < ticks; tick += kTogether) {
+  for (int tick = 0; tick < ticks; tick += TOGETHER) {
     NetworkChunk chunk;
-    chunk.ticks = std::min(kTogether, ticks - tick);
+    chunk.ticks = std::min(TOGETHER, ticks - tick);
     chunk.tick = tick;
     chunk.begin_us = 1000 * tick;
     chunk_light.clear();
     for (int t = 0; t < chunk.ticks; t++) {
-      film(light, kWidth, tick + t);
+      film(light, WIDTH, tick + t);
       chunk_light.insert(chunk_light.end(), light.begin(), light.end());
     }
     chunk.luminance = chunk_light.data();
