@@ -17,7 +17,7 @@
 namespace evs {
 namespace {
 
-constexpr float NAN = std::numeric_limits<float>::quiet_NaN();
+constexpr float NOT_A_NUMBER = std::numeric_limits<float>::quiet_NaN();
 constexpr int FRAMES = 150;
 
 // A network and the memory of its parameters.
@@ -65,7 +65,8 @@ std::vector<float> film(Size size) {
   std::mt19937 random(7);
   std::vector<float> light;
   std::vector<float> frame(size.pixels(), 0.5f);
-  const float values[] = {0.5f, 0.0f, 1e9f, -1.0f, NAN, 1e-40f, -0.0f, 3e38f, 1e-19f, 0.7f};
+  const float values[] = {0.5f,   0.0f,  1e9f,  -1.0f,  NOT_A_NUMBER,
+                          1e-40f, -0.0f, 3e38f, 1e-19f, 0.7f};
   for (int k = 0; k < FRAMES; k++) {
     // stand still for longer than a tile keeps its row of memory
     if (k < 30 || k > 120) {
@@ -108,8 +109,8 @@ Result run(const NetworkSettings& settings, Size size, const std::vector<float>&
   out.v.assign(size.pixels(), 0.3f);
   out.last.assign(size.pixels(), 0);
   out.rows.assign(size.tiles(), -1);
-  out.currents.assign(light.size(), NAN);
-  std::vector<float> last_luminance(size.pixels(), -1.0f), last_log(size.pixels(), NAN);
+  out.currents.assign(light.size(), NOT_A_NUMBER);
+  std::vector<float> last_luminance(size.pixels(), -1.0f), last_log(size.pixels(), NOT_A_NUMBER);
   std::vector<int64_t> moved(size.tiles() * TILE_LANES, -(int64_t{1} << 60));
   std::vector<uint8_t> loud(size.tiles(), 0);
   NetworkArrays arrays;
@@ -153,7 +154,7 @@ Result run_on_device(const NetworkSettings& settings, Size size, const std::vect
   Result out;
   out.v.assign(pixels, 0.3f);
   out.last.assign(pixels, 0);
-  std::vector<float> last_luminance(pixels, -1.0f), last_log(pixels, NAN);
+  std::vector<float> last_luminance(pixels, -1.0f), last_log(pixels, NOT_A_NUMBER);
   std::vector<int64_t> moved(pixels, -(int64_t{1} << 60));
   std::vector<float> fifo(pixels * static_cast<size_t>(settings.network.fifo_floats()));
   std::vector<float> current(pixels), leaked(pixels);

@@ -17,7 +17,7 @@ namespace {
 
 constexpr int WIDTH = 37, HEIGHT = 11;
 constexpr size_t PIXELS = static_cast<size_t>(WIDTH) * HEIGHT;
-constexpr float NAN = std::numeric_limits<float>::quiet_NaN();
+constexpr float NOT_A_NUMBER = std::numeric_limits<float>::quiet_NaN();
 
 // The settings of a sensor and the memory of its fixed pattern.
 struct Terms {
@@ -45,7 +45,8 @@ std::vector<Event> run(const Terms& terms, const std::string& isa, int threads,
   mean.noise_gain = mean.drift_gain = mean.least_gain = 0.1f;
   mean.noise_weight = 1.0f;
   PixelArray sensor(terms.settings, terms.pattern, WIDTH, HEIGHT, threads, isa);
-  const float values[] = {0.5f, 0.0f, 1e9f, -1.0f, NAN, 1e-40f, -0.0f, 3e38f, 1e-19f, 0.5f};
+  const float values[] = {0.5f,   0.0f,  1e9f,  -1.0f,  NOT_A_NUMBER,
+                          1e-40f, -0.0f, 3e38f, 1e-19f, 0.5f};
   std::vector<float> light(PIXELS, 0.5f);
   std::vector<Event> found;
   int64_t t = 0;
