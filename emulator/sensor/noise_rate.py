@@ -14,7 +14,7 @@ import numpy as np
 from evs.emulator.base.scene import F64
 from evs.emulator.sensor import SensorParameters
 from evs.emulator.sensor.parameters import MOST_HOT_LEAK_HZ
-from evs.emulator.sensor.reference.photon_noise import Band, passage_loss, passage_rate
+from evs.emulator.sensor.reference.passage import Band, passage_loss, passage_rate
 
 PHASES = 8
 """distances of the references from the light that count, in parts of a threshold: leak brings

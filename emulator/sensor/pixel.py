@@ -1,7 +1,7 @@
 """The DVS pixels: log light against thresholds of their own, native, and their state, a value.
 
 The contract stands in core/sensor: comparator.h and pixel.h. The slow oracle that gives the same
-bytes is emulator/sensor/reference.
+bytes is tests/support/reference/pixel.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from evs.emulator.sensor import SensorParameters, make_readout
 from evs.emulator.sensor.parameters import ReadoutParameters
-from evs.emulator.sensor.reference.photon_noise import Band
+from evs.emulator.sensor.reference.passage import Band
 from evs_lab.characterise.bench import Bench, LightExposure, pixel_numbers, share_of
 from evs_lab.characterise.expected import DOUBLED, HALF, half_power_hz, latency_s
 from evs_lab.characterise.quantity import Quantity

@@ -1,6 +1,7 @@
 // Elementary functions that give the same bits for every compiler, machine and vector width. They
 // use only + - * / sqrt and integer operations, so that loops over them vectorise, and no fma: the
-// build turns contraction off. NumPy repeats every step (emulator/sensor/reference is the oracle).
+// build turns contraction off. NumPy repeats every step (tests/support/reference/pixel is the
+// oracle).
 #pragma once
 
 #include <bit>

@@ -14,9 +14,9 @@ import evs
 from evs.emulator import _core
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, SensorParameters
-from evs.emulator.sensor.reference import ReferenceModel, caught_up
 from evs.emulator.sensor.running_mean import RunningMeanConstants
 from evs.msgs import EvsError
+from reference.pixel.model import ReferenceModel, caught_up
 
 SENSOR = SensorParameters("test", 10, 8, 0.2, 0.2, 0.03)
 NOISY = replace(

@@ -17,8 +17,8 @@ from evs.emulator.config import ApsConfig, SensorConfig
 from evs.emulator.sensor import ApsParameters, PlainModel, SensorParameters, resolve_sensor
 from evs.emulator.sensor.aps_crosstalk import RowReads
 from evs.emulator.sensor.pixel import PlainState
-from evs.emulator.sensor.reference import ReferenceModel, caught_up
 from evs.msgs import EVENT_DTYPE, Cause, Events
+from reference.pixel.model import ReferenceModel, caught_up
 
 ROWS, COLUMNS = 8, 70
 APS = ApsParameters(enabled=True, rate_hz=100.0, exposure_us=2000, row_us=35.5, crosstalk=0.01)

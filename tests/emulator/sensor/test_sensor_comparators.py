@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
-from evs.emulator.sensor.reference.comparators import PixelTick, compare
-from evs.emulator.sensor.reference.noise import Candidate
 from evs.msgs import Cause
+from reference.pixel.comparators import PixelTick, compare
+from reference.pixel.noise import Candidate
 
 TICK_US = 8
 ON, OFF = 16, 24

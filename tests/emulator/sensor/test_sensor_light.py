@@ -7,8 +7,8 @@ import pytest
 
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
-from evs.emulator.sensor.reference import ReferenceModel
 from evs.msgs import Events
+from reference.pixel.model import ReferenceModel
 
 pytestmark = pytest.mark.extremes
 

@@ -12,9 +12,9 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
-from evs.emulator.sensor.reference import ReferenceModel, caught_up
 from evs.emulator.sensor.running_mean import RunningMeanConstants
 from evs.msgs import EvsError
+from reference.pixel.model import ReferenceModel, caught_up
 
 WIDTH, HEIGHT = 12, 6
 SENSOR = SensorParameters(

@@ -14,8 +14,8 @@ from evs.emulator import _core
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
 from evs.emulator.sensor.pixel import log_light
-from evs.emulator.sensor.reference import ReferenceModel, caught_up
 from evs.emulator.sensor.running_mean import RunningMeanConstants
+from reference.pixel.model import ReferenceModel, caught_up
 
 pytestmark = pytest.mark.property
 

@@ -11,7 +11,7 @@ from scipy import stats
 
 from evs.emulator import _core
 from evs.emulator.sensor import PlainModel, SensorParameters
-from evs.emulator.sensor.reference import ReferenceModel, caught_up
+from reference.pixel.model import ReferenceModel, caught_up
 
 SENSOR = SensorParameters(
     "spread", 100, 80, 0.2, 0.2, refractory_period_s=0.001, refractory_spread_decades=0.15

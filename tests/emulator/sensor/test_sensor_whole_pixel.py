@@ -11,9 +11,9 @@ from evs.emulator import _core
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
 from evs.emulator.sensor.pixel import MAX_CLOCK_US, MAX_TICK_US
-from evs.emulator.sensor.reference import ReferenceModel, caught_up
 from evs.emulator.sensor.running_mean import RunningMeanConstants
 from evs.msgs import Events, EvsError, join_events
+from reference.pixel.model import ReferenceModel, caught_up
 from reference.terms import ALL_TERMS as ALL
 
 pytestmark = pytest.mark.extremes

@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from evs.emulator.sensor.reference.noise import ROW_READ, Candidate, on_grid
-from evs.emulator.sensor.reference.response import Response
 from evs.msgs import Cause
+from reference.pixel.noise import ROW_READ, Candidate, on_grid
+from reference.pixel.response import Response
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,9 @@
-"""ReferenceModel: the tick of a whole frame, term by term."""
+"""The whole event pixel in NumPy and plain Python, written for reading: the oracle of core/sensor.
+
+It gives the native pixel's events and state byte for byte, and imports nothing native. It is
+written from the contracts in the headers, it leaves no pixel out, and it is slow. `ReferenceModel`
+takes a whole frame's tick, term by term.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +19,6 @@ from evs.emulator.sensor.aps_crosstalk import RowReads
 from evs.emulator.sensor.fixed_pattern import FixedPattern, draw_pattern
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.pixel import BLOCK, PlainState, check_tick
-from evs.emulator.sensor.reference import photon_noise
-from evs.emulator.sensor.reference.comparators import PixelEvent, PixelTick, compare
 from evs.emulator.sensor.reference.filters import (
     FOR_EVER,
     SLOWEST,
@@ -30,7 +33,11 @@ from evs.emulator.sensor.reference.filters import (
     shares,
 )
 from evs.emulator.sensor.reference.light import is_light, log_light, to_dn
-from evs.emulator.sensor.reference.noise import (
+from evs.emulator.sensor.running_mean import RunningMeanConstants, RunningMeanState
+from evs.msgs import Events, make_events
+from reference.pixel import photon_noise
+from reference.pixel.comparators import PixelEvent, PixelTick, compare
+from reference.pixel.noise import (
     NEVER,
     ROW_READ,
     UNITS,
@@ -41,9 +48,7 @@ from evs.emulator.sensor.reference.noise import (
     on_grid,
     shot_share,
 )
-from evs.emulator.sensor.reference.response import Filters
-from evs.emulator.sensor.running_mean import RunningMeanConstants, RunningMeanState
-from evs.msgs import Events, make_events
+from reference.pixel.response import Filters
 
 
 class ReferenceModel:
