@@ -1,7 +1,8 @@
 """EventPacket: the events of one tick (or more) of one camera. The only door to msgpack.
 
 On the wire: `topic | msgpack header | raw frame`, see docs/reference/wire.md. The header's
-field names follow ROS's event_camera_msgs/EventPacket; the raw frame is the events' own bytes.
+field names follow ROS's event_camera_msgs/EventPacket, which is another thing (msgs/codecs); the
+raw frame is the events' own bytes.
 """
 
 from __future__ import annotations

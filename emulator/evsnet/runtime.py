@@ -1,4 +1,4 @@
-"""Runtimes: what computes a network. All give the same events but for rounding."""
+"""The table of runtimes; `native` is native.py and core/evsnet. Events differ by rounding only."""
 
 from __future__ import annotations
 
