@@ -225,7 +225,7 @@ class FoxgloveSink(_Served, _Writing):
     period_us: int = 20_000
     """simulated time between two pictures, rates and messages of events, us"""
     encoding: str = "evt3"
-    """evt3 | libcaer | libcaer_cmp | mono (event_camera_msgs)"""
+    """of event_camera_msgs (docs/reference/wire.md lists them)"""
     queue: int = 1000
     """messages queued for a slow client before the oldest are dropped"""
 
@@ -277,7 +277,7 @@ class Ros2Sink(_Served, _RosNames):
     """true: all topics have reliable QoS, lost messages are sent again; false: all but tf are best
     effort; not given: as in real drivers, images, camera_info and poses are reliable"""
     encoding: str = "evt3"
-    """evt3 | libcaer | libcaer_cmp (libcaer_driver's default) | mono (event_camera_msgs)"""
+    """of event_camera_msgs (docs/reference/wire.md); libcaer_driver's is libcaer_cmp"""
     clock: bool = True
     """publish /clock; only one of several publishers may do so"""
     event_message_time_threshold: float = 1e-3
@@ -366,7 +366,7 @@ class Rosbag2Sink(FileSink, _RosNames):
     file: str = _file("run.mcap")
     encoding: str | None = parameter(
         None,
-        "evt3 (if not given) | libcaer | libcaer_cmp | mono (event_camera_msgs) | dvs (dvs_msgs)",
+        "evt3 (if not given), one of event_camera_msgs (docs/reference/wire.md) or dvs (dvs_msgs)",
         example="evt3",
     )
 
@@ -380,7 +380,7 @@ class Rosbag1Sink(FileSink):
     file: str = _file("run.bag")
     encoding: str | None = parameter(
         None,
-        "dvs (dvs_msgs, if not given) | evt3 | libcaer | libcaer_cmp | mono (event_camera_msgs)",
+        "dvs (dvs_msgs, if not given) or one of event_camera_msgs (docs/reference/wire.md)",
         example="dvs",
     )
 
