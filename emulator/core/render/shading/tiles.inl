@@ -34,8 +34,11 @@ struct ImageSides {
   Float xu, xv, yu, yv, receding_x, receding_y;
 };
 
+// By so much coverage may be wrong, image lengths: what lies within one tile is exactly that.
+constexpr float ROUNDING = 1.0f / (1 << 21);
+
 // The share that each tile of an axis has of an interval, which begins at `low` and is `width`
-// long: image lengths. `inverse`: 1 / width.
+// long: image lengths. `inverse`: 1 / (width - 8 ROUNDING).
 EVS_INLINE void tile_shares(const TileAxis& axis, Float low, Float width, Float inverse,
                             Float* share) {
   Float from = low - axis.start;
@@ -47,7 +50,7 @@ EVS_INLINE void tile_shares(const TileAxis& axis, Float low, Float width, Float 
       return max(min(x - axis.offset[k], splat(axis.width[k])), splat(0.0f));
     };
     Float length = turns * axis.width[k] + (covered(to) - covered(from));
-    share[k] = max(min(length * inverse, splat(1.0f)), splat(0.0f));
+    share[k] = max(min((length - ROUNDING) * inverse, splat(1.0f)), splat(0.0f));
     rest = rest - share[k];
   }
   share[axis.count - 1] = max(rest, splat(0.0f));
@@ -129,7 +132,7 @@ EVS_INLINE void to_middle(const Frame& f, const Rays& rays, int cells, Float& x,
     return max(sqrt(square), splat(LEAST));
   };
   Float width = extent(s.xu, s.yu), height = extent(s.xv, s.yv);
-  Float per_width = 1.0f / width, per_height = 1.0f / height;
+  Float per_width = 1.0f / (width - 8 * ROUNDING), per_height = 1.0f / (height - 8 * ROUNDING);
   Float across[MAX_TILES], down[MAX_TILES];
   TileWeights out = {};
   for (int k = 0; k < parts; k++) {
