@@ -21,8 +21,11 @@ DOORS = {
     "msgpack": ("msgs/packet.py",),
     # packages whose names stand in a stub
     "lazy_loader": (
-        *("emulator/core/", "emulator/__init__.py", "emulator/render/__init__.py"),
-        *("msgs/__init__.py", "tools/testing/__init__.py"),
+        "emulator/core/",
+        "emulator/__init__.py",
+        "emulator/render/__init__.py",
+        "msgs/__init__.py",
+        "tools/testing/__init__.py",
     ),
     "msgspec": ("emulator/config/settings.py",),
     "zmq": ("drivers/bus/",),

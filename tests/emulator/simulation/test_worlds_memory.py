@@ -94,7 +94,7 @@ def grown_in(case: str) -> float:
         def go_on() -> None:
             for number in range(400):
                 worlds.step(ticks=TICKS)
-                kept.extend(np.full(4, number, np.float64) for _ in range(TICKS * COUNT))
+                kept.extend(np.full(64, number, np.float64) for _ in range(TICKS * COUNT))
 
         # fill what the start left free
         go_on()
@@ -119,7 +119,7 @@ def test_steps_and_resets_leave_no_memory_behind(case: str) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    # an array that is kept in each tick is found
+    # an array of 64 numbers that is kept in each tick is found
     assert (float(done.stdout) > MOST_BYTES) == (case == "kept")
 
 
