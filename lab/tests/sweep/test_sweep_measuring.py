@@ -114,7 +114,10 @@ def test_ticks_and_frames_are_laid_beside_the_same_reference(error_meter: ErrorM
     assert ways["v2e, 1000 FPS, 8 bit sRGB"].count_ratio_on < 0.6 * plain.count_ratio_on
     own = plain.emd_reference
     assert {error.emd_reference for error in (*ticks.values(), *ways.values())} == {own}
-    assert ticks["10 ms"].recall < ticks["0.5 ms"].recall
+    # nearly every event is found either way; in longer ticks their times are worse
+    long, short = ticks["10 ms"], ticks["0.5 ms"]
+    assert long.timing_ms > 3 * short.timing_ms
+    assert long.emd > 1.2 * short.emd
 
 
 def test_another_size_and_another_low_pass_have_references_of_their_own(
