@@ -14,8 +14,7 @@ namespace {
 // frame, m.
 struct Footprint {
   Vec x, y;
-  // how fast the surface recedes along each, as a share of its distance
-  Float receding_x, receding_y;
+  Float nearer_x, nearer_y;  // by how much the surface comes nearer along the ray, m
 };
 
 // In: point p, unit direction d and unit normal n in the geom's frame; `least` bounds the cosine
@@ -42,13 +41,7 @@ EVS_INLINE Footprint footprint_of(const Frame& f, const Geom& g, const Rays& ray
   cosine = select(cosine < 0.0f, min(cosine, splat(-least)), max(cosine, splat(least)));
   Float slope = 1.0f / cosine;
   Float fall_x = dot(x, n) * slope, fall_y = dot(y, n) * slope;
-  Float nearness = f.orthographic ? splat(0.0f) : 1.0f / max(distance, splat(1e-6f));
-  // at most: the horizon is never crossed half a side away
-  auto receding = [&](Float fall, Float side) {
-    return max(min(fall * side * nearness, splat(0.9f)), splat(-0.9f));
-  };
-  return {(x - d * fall_x) * width, (y - d * fall_y) * height, receding(fall_x, width),
-          receding(fall_y, height)};
+  return {(x - d * fall_x) * width, (y - d * fall_y) * height, fall_x * width, fall_y * height};
 }
 
 // Derivatives of `shape_coordinates` at a point: image lengths per m, geom's frame.

@@ -109,8 +109,8 @@ struct TextureLookup {
 
   template <int CHANNELS>
   [[gnu::noinline]] EVS_OUTLINE void read_tiles(const Texture& t, Float* out) {
-    TileWeights weights =
-        tile_weights(f, *rays, t, flat_u, flat_v, flat_side, *sample_footprint, lanes);
+    TileWeights weights = tile_weights(f, *rays, t, flat_u, flat_v, flat_side, *sample_footprint,
+                                       hit->distance, lanes);
     for (int c = 0; c < CHANNELS; c++) {
       out[c] = c < t.channels ? weights.mean(t, c) : splat(t.mean);
     }

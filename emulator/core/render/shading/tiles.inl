@@ -29,9 +29,10 @@ struct TileWeights {
   }
 };
 
-// What a camera ray stands for on an image: its sides (image lengths), and how fast they recede.
+// What a camera ray stands for on an image: its sides (image lengths), and which share of the
+// distance they come nearer.
 struct ImageSides {
-  Float xu, xv, yu, yv, receding_x, receding_y;
+  Float xu, xv, yu, yv, nearing_x, nearing_y;
 };
 
 // By so much coverage may be wrong, image lengths: what lies within one tile is exactly that.
@@ -116,7 +117,7 @@ EVS_INLINE void to_middle(const Frame& f, const Rays& rays, int cells, Float& x,
   }
   // there the ray meets the tangent plane 1 / `depth` times as far
   Float depth[4], scale[4];
-  for (int k = 0; k < parts; k++) depth[k] = 1.0f + x[k] * s.receding_x + y[k] * s.receding_y;
+  for (int k = 0; k < parts; k++) depth[k] = 1.0f + x[k] * s.nearing_x + y[k] * s.nearing_y;
   if (whole) {
     // four reciprocals by one division
     Float left = depth[0] * depth[1], right = depth[2] * depth[3], all = 1.0f / (left * right);
@@ -151,20 +152,26 @@ EVS_INLINE void to_middle(const Frame& f, const Rays& rays, int cells, Float& x,
 // Weigh the tiles of an image around the point u, v. In: the sides of a sample on it.
 EVS_INLINE TileWeights tile_weights(const Frame& f, const Rays& rays, const Texture& t, Float u,
                                     Float v, const Float* side, const Footprint& footprint,
-                                    unsigned lanes) {
+                                    Float distance, unsigned lanes) {
   const bool whole = f.samples == 1, quarter = f.cells == 2 && !f.lens && !whole;
   // the sides of the pixel, or of a sample's cell
   const float times = quarter || (whole && f.taps > 1) ? 2.0f : 1.0f;
+  Float nearness = f.orthographic ? splat(0.0f) : 1.0f / max(distance, splat(1e-6f));
+  // at most: the horizon is never crossed half a side away
+  auto nearing = [&](Float nearer) {
+    return max(min(nearer * nearness, splat(0.9f)), splat(-0.9f)) * times;
+  };
   const ImageSides s = {side[0] * times,
                         side[1] * times,
                         side[2] * times,
                         side[3] * times,
-                        footprint.receding_x * times,
-                        footprint.receding_y * times};
-  // Most pixels lie within one tile. What recedes less grows by 1.18 at most, its sides by 1.4.
+                        nearing(footprint.nearer_x),
+                        nearing(footprint.nearer_y)};
+  // Most pixels lie within one tile. Where less comes nearer, all grows by 1.18 at most, sides by
+  // 1.4.
   const float reach = whole || f.lens ? 0.7f : 1.4f;
   Float across[MAX_TILES], down[MAX_TILES];
-  Mask within = abs(s.receding_x) + abs(s.receding_y) < 0.3f;
+  Mask within = abs(s.nearing_x) + abs(s.nearing_y) < 0.3f;
   within = within & find_tile(t.columns, u, (abs(s.xu) + abs(s.yu)) * reach, across);
   within = within & find_tile(t.rows, v, (abs(s.xv) + abs(s.yv)) * reach, down);
   TileWeights out = {};
