@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -374,22 +375,7 @@ def scene_data(
             data.add_mesh(mesh.vertices, mesh.faces, mesh.normals, mesh.texcoords)
     for index in lights:
         light = scene.lights[index]
-        data.add_light(
-            int(light.kind),
-            light.ambient,
-            light.diffuse,
-            light.specular,
-            light.castshadow,
-            light.attenuation,
-            light.cutoff_deg,
-            light.exponent,
-            light.intensity / config.lux_per_unit,
-            light.headlight,
-            light.range_m,
-            light.softness,
-            light.texture,
-            light.bulbradius_m,
-        )
+        data.add_light(replace(light, intensity=light.intensity / config.lux_per_unit))
     data.set_geoms(scene.geom_type, scene.geom_size, scene.geom_mesh, scene.geom_surface)
     data.skybox = scene.skybox if sky else -1
     if sky and scene.skybox < 0:

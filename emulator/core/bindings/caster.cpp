@@ -170,28 +170,13 @@ void add_surface(SceneData& s, std::array<float, 4> rgba, int texture, std::arra
   s.surfaces.push_back(d);
 }
 
-void add_light(SceneData& s, int kind, Rgb ambient, Rgb diffuse, Rgb specular, bool castshadow,
-               Rgb attenuation, float cutoff_deg, float exponent, float intensity, bool headlight,
-               float range, float softness, int texture, float bulbradius) {
-  require(kind >= 0 && kind < LIGHT_KINDS, "unknown kind of light");
-  require(texture < static_cast<int>(s.textures.size()), "light's texture does not exist");
-  SceneData::LightData d = {};
-  d.kind = kind;
-  require(!d.is_image() || (texture >= 0 && s.textures[texture].faces == 6),
+void add_light(SceneData& s, nb::handle light) {
+  LightData d = {};
+  d.each(Fields(light));
+  require(d.kind >= 0 && d.kind < LIGHT_KINDS, "unknown kind of light");
+  require(d.texture < static_cast<int>(s.textures.size()), "light's texture does not exist");
+  require(!d.is_image() || (d.texture >= 0 && s.textures[d.texture].faces == 6),
           "an image light has a texture with six faces");
-  std::copy(ambient.begin(), ambient.end(), d.ambient);
-  std::copy(diffuse.begin(), diffuse.end(), d.diffuse);
-  std::copy(specular.begin(), specular.end(), d.specular);
-  std::copy(attenuation.begin(), attenuation.end(), d.attenuation);
-  d.castshadow = castshadow;
-  d.cutoff_deg = cutoff_deg;
-  d.exponent = exponent;
-  d.bulbradius = bulbradius;
-  d.intensity = intensity;
-  d.headlight = headlight;
-  d.range = range;
-  d.softness = softness;
-  d.texture = texture;
   s.lights.push_back(d);
 }
 
@@ -450,11 +435,8 @@ void bind_caster(nb::module_& m) {
            "    texcoords: (nf, 3, 2) float32; None if the mesh has none.")
       .def("share_mesh", &share_mesh, nb::arg("caster"), nb::arg("mesh"),
            "Add the mesh of a caster. The scenes share it until one of them deforms it.")
-      .def("add_light", &add_light, nb::arg("kind"), nb::arg("ambient"), nb::arg("diffuse"),
-           nb::arg("specular"), nb::arg("castshadow"), nb::arg("attenuation"),
-           nb::arg("cutoff_deg"), nb::arg("exponent"), nb::arg("intensity"), nb::arg("headlight"),
-           nb::arg("range"), nb::arg("softness"), nb::arg("texture"), nb::arg("bulbradius"),
-           "Add a light of MuJoCo. The texture is that of an image light; -1 for none.")
+      .def("add_light", &add_light, nb::arg("light"),
+           "Add a Light of emulator/base/scene.py. Its intensity is in units of light.")
       .def("set_fog", &set_fog, nb::arg("start"), nb::arg("end"), nb::arg("color"),
            "Add fog. The distances are in m, and the colour is display-coded.")
       .def("set_haze", &set_haze, nb::arg("ratio"), nb::arg("radius"), nb::arg("color"),

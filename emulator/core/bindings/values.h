@@ -3,7 +3,10 @@
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/array.h>
 
+#include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -48,6 +51,12 @@ class Fields {
     if (!nb::try_cast(nb::object(values_.attr(name)), field, convert)) {
       throw nb::type_error((std::string(name) + " has another type").c_str());
     }
+  }
+  template <class T, size_t N>
+  void operator()(const char* name, T (&field)[N]) const {
+    std::array<T, N> values;
+    operator()(name, values);
+    std::copy(values.begin(), values.end(), field);
   }
   template <class... KIND>
   void operator()(const char* name, nb::ndarray<KIND...>& field) const {

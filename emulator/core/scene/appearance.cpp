@@ -163,7 +163,7 @@ void to_channels(const float* linear, int channels, float* out) {
 
 void choose_channels(const SceneData& scene, bool rgb, bool mixing, bool as_grey, Appearance& out) {
   bool grey = !mixing;
-  for (const SceneData::LightData& l : scene.lights) {
+  for (const LightData& l : scene.lights) {
     grey = grey && is_grey(l.ambient) && is_grey(l.diffuse) && is_grey(l.specular);
     if (l.is_image()) grey = grey && is_grey(scene.textures[l.texture]);
   }
@@ -175,7 +175,7 @@ void choose_channels(const SceneData& scene, bool rgb, bool mixing, bool as_grey
 
 // An image's texels are radiance: times `diffuse`, or times an intensity in cd/m^2 (pi lux on what
 // it surrounds).
-void add_image(const SceneData::LightData& l, const Appearance& appearance, Light& light) {
+void add_image(const LightData& l, const Appearance& appearance, Light& light) {
   for (int c = 0; c < appearance.channels; c++) {
     int k = appearance.channels == 3 ? c : 0;
     light.ambient[c] = light.specular[c] = 0;
@@ -192,9 +192,9 @@ void add_image(const SceneData::LightData& l, const Appearance& appearance, Ligh
 }
 
 void add_lights(const SceneData& scene, TextureBaker& baker, Appearance& out) {
-  for (const SceneData::LightData& l : scene.lights) {
+  for (const LightData& l : scene.lights) {
     Light light = {};
-    light.kind = l.kind;
+    static_cast<LightBase&>(light) = l;
     light.castshadow = l.castshadow && !l.is_image();
     light.texture = -1;
     float scale = l.intensity > 0 ? l.intensity : 1.0f;
@@ -208,10 +208,8 @@ void add_lights(const SceneData& scene, TextureBaker& baker, Appearance& out) {
     light.ambient[out.channels] = l.intensity > 0 ? 0.0f : luminance_of(l.ambient);
     light.diffuse[out.channels] = scale * luminance_of(l.diffuse);
     light.specular[out.channels] = scale * luminance_of(l.specular);
-    std::copy(l.attenuation, l.attenuation + 3, light.attenuation);
     light.cos_cutoff = static_cast<float>(std::cos(l.cutoff_deg * RADIANS));
-    light.exponent = l.exponent;
-    light.radius = std::max(l.bulbradius, 0.0f);
+    light.radius = std::max(l.radius, 0.0f);
     if (light.inverse_square) {
       light.fade = l.range > 0 ? 1.0f / (l.range * l.range) : 0.0f;
       // as in MuJoCo's physical renderer: full light inside, none at the cutoff

@@ -9,8 +9,14 @@ namespace evs {
 // Numbered as MuJoCo's mjtLightType.
 enum LightKind { SPOT = 0, DIRECTIONAL, POINT, IMAGE, LIGHT_KINDS };
 
-struct LightType {
+// What the kernels read as Python passes it, and the questions about the kind.
+struct LightBase {
   int kind;
+  bool castshadow;
+  float attenuation[3];
+  float exponent;
+  float radius;  // of the bulb, m; `direct` uses points
+  int texture;   // of an image light
 
   // Does it shine from everywhere around the scene, with a cube texture? It has no position, and no
   // shadow rays go to it.
@@ -32,17 +38,43 @@ struct LightReach {
   EVS_INLINE bool bounded() const { return cosine > -1 || fade > 0; }
 };
 
-struct Light : LightType {
-  bool castshadow;
+// A light as Python passes it.
+struct LightData : LightBase {
+  float ambient[3], diffuse[3], specular[3];
+  float cutoff_deg;
+  float softness;
+  float intensity;  // already divided by the lux of one unit; 0: diffuse holds
+  float range;      // m
+  bool headlight;
+
+  // Visit each field by its name in Light of emulator/base/scene.py.
+  template <class Visit>
+  void each(Visit&& visit) {
+    visit("kind", kind);
+    visit("castshadow", castshadow);
+    visit("attenuation", attenuation);
+    visit("exponent", exponent);
+    visit("bulbradius_m", radius);
+    visit("texture", texture);
+    visit("ambient", ambient);
+    visit("diffuse", diffuse);
+    visit("specular", specular);
+    visit("cutoff_deg", cutoff_deg);
+    visit("softness", softness);
+    visit("intensity", intensity);
+    visit("range_m", range);
+    visit("headlight", headlight);
+  }
+};
+
+// A light as the kernels read it.
+struct Light : LightBase {
   V3 position, direction;  // camera frame; direction: unit, away from the light
   float ambient[MAX_CHANNELS], diffuse[MAX_CHANNELS], specular[MAX_CHANNELS];
-  float attenuation[3];
-  float cos_cutoff, exponent;
-  float radius;         // of the bulb, m; `direct` uses points
+  float cos_cutoff;
   bool inverse_square;  // physical intensity: 1 / r^2 instead of attenuation
   float fade;           // 1 / range^2: physical light ends at its range; 0: nowhere
   float edge;           // 1 / (cosine of the full cone - cos_cutoff), physical spots; 0: exponent
-  int texture;          // of an image light
   // which of the first 32 geoms are planes with the light on their front, one bit each: they never
   // occlude it
   uint32_t non_occluders;

@@ -35,17 +35,6 @@ struct SceneData {
     int metallic_map = -1, roughness_map = -1, occlusion_map = -1, opacity_map = -1;
     int normal_map = -1, emissive_map = -1;
   };
-  struct LightData : LightType {
-    float ambient[3], diffuse[3], specular[3];
-    bool castshadow;
-    float attenuation[3];
-    float cutoff_deg, exponent;
-    float bulbradius;  // m
-    float intensity;   // already divided by the lux of one unit; 0: diffuse holds
-    bool headlight;
-    float range = 0, softness = 0;
-    int texture = -1;  // of an image light
-  };
   struct MediumData {
     bool fog = false, haze = false;
     float fog_start = 0, fog_end = 0, fog_color[3] = {};

@@ -116,7 +116,7 @@ class Canvas:
         return name
 
     def set_uniforms(self, uniforms: Uniforms) -> None:
-        """Values of the shader's uniforms by name; (n, 3) is an array of vectors."""
+        """Values of the uniforms by name; (n, 3) is an array of vectors, (n, 1) of numbers."""
         gl, program = self.gl, self._program._program_id
         gl.glUseProgram(program)
         for name, value in uniforms.items():
@@ -126,7 +126,9 @@ class Canvas:
             if array.dtype.kind != "f":
                 gl.glUniform1iv(place, array.size, np.ascontiguousarray(array, np.int32))
             elif array.ndim:
-                gl.glUniform3fv(place, array.size // 3, np.ascontiguousarray(array, np.float32))
+                put = gl.glUniform3fv if array.shape[-1] == 3 else gl.glUniform1fv
+                count = array.size // array.shape[-1]
+                put(place, count, np.ascontiguousarray(array, np.float32))
             else:
                 gl.glUniform1f(place, float(array))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,7 @@ FLAT, CUBE = 0, 1
 """texture_kind in shade.frag, and the texture units."""
 
 Uniforms = dict[str, Any]
-"""name -> bool, int, float, (3,) float, (n,) int or (n, 3) float"""
+"""name -> bool, int, float, (3,) float, (n,) int, (n, 1) or (n, 3) float"""
 
 NEAR, FAR, FAR_FLAT = 2e-3, 4e3, 400.0
 """Where a perspective view begins and ends, and where an orthographic one ends: scene extents.
@@ -185,39 +185,34 @@ class LightUniforms:
 
 
 def light_uniforms(lights: list[Light], lux_per_unit: float) -> Uniforms:
-    """What never moves of the lights. A physical intensity counts instead of the colours' size."""
+    """What never moves of the lights: each number by its name, and what shade.frag makes of some.
+
+    A physical intensity counts instead of the colours' size.
+    """
     if not lights:
         return {"light_count": 0}
+    numbers = {
+        f"light_{x.name}": np.array([getattr(light, x.name) for light in lights], np.float64)
+        for x in fields(Light)
+        if x.name != "name"
+    }
+    numbers = {name: values.reshape(len(lights), -1) for name, values in numbers.items()}
+    intensity, range_m = numbers["light_intensity"], numbers["light_range_m"]
+    cutoff_deg = numbers["light_cutoff_deg"]
+    cosine = np.cos(np.deg2rad(cutoff_deg))
+    inner = np.cos(np.deg2rad((1.0 - numbers["light_softness"]) * cutoff_deg))
+    physical = intensity > 0
     # directional: lux; else candela, which falls off with the square of the distance
-    scale = np.array([[x.intensity / lux_per_unit if x.intensity > 0 else 1.0] for x in lights])
-    physical = np.array([[x.intensity > 0] for x in lights])
-    cone = np.array([x.has_cone for x in lights])
-    cutoff = np.cos(np.deg2rad([x.cutoff_deg for x in lights]))
-    square = np.array([x.intensity > 0 and x.is_local for x in lights])
-    inner = np.cos(np.deg2rad([(1.0 - x.softness) * x.cutoff_deg for x in lights]))
-    edge = 1.0 / np.maximum(inner - cutoff, 1.0 / 1024)
-    fade = [x.range_m**-2 if x.range_m > 0 else 0.0 for x in lights]
-    return {
+    scale = np.where(physical, intensity / lux_per_unit, 1.0)
+    edge = 1.0 / np.maximum(inner - cosine, 1.0 / 1024)
+    has_end = physical & (range_m > 0)
+    return numbers | {
         "light_count": len(lights),
-        "light_ambient": np.where(physical, 0.0, np.array([x.ambient for x in lights])),
-        "light_diffuse": scale * np.array([x.diffuse for x in lights]),
-        "light_specular": scale * np.array([x.specular for x in lights]),
-        "light_attenuation": np.array([x.attenuation for x in lights], np.float64),
-        # vectors have three numbers here; no cosine is below -2
-        "light_cone": np.stack(
-            [
-                np.where(cone, cutoff, -2.0),
-                np.where(cone, [x.exponent for x in lights], 0.0),
-                square,
-            ],
-            1,
-        ),
-        "light_end": np.stack(
-            [
-                np.where(square, fade, 0.0),
-                np.where(square & cone, edge, 0.0),
-                [x.is_delta_direction for x in lights],
-            ],
-            1,
-        ),
+        "light_kind": numbers["light_kind"].astype(np.int32),
+        "light_ambient": np.where(physical, 0.0, numbers["light_ambient"]),
+        "light_diffuse": scale * numbers["light_diffuse"],
+        "light_specular": scale * numbers["light_specular"],
+        "light_attenuation": np.where(physical, [0.0, 0.0, 1.0], numbers["light_attenuation"]),
+        "light_cone": np.hstack([cosine, numbers["light_exponent"], np.where(physical, edge, 0.0)]),
+        "light_fade": np.where(has_end, np.where(has_end, range_m, 1.0) ** -2, 0.0),
     }

@@ -8,6 +8,7 @@ centroid in vec3 texture_coordinate;
 out vec4 result;
 
 const int FLAT = 0, CUBE = 1;
+const int SPOT = 0, DIRECTIONAL = 1;  // LightKind
 
 uniform bool find_hits;     // geom and distance instead of light
 uniform float geom;         // its index + 1, 0 for the sky
@@ -28,8 +29,9 @@ uniform vec3 light_diffuse[LIGHTS];
 uniform vec3 light_specular[LIGHTS];
 uniform vec3 light_ambient[LIGHTS];
 uniform vec3 light_attenuation[LIGHTS];
-uniform vec3 light_cone[LIGHTS];  // cosine of the cutoff, exponent, 1 for inverse square
-uniform vec3 light_end[LIGHTS];   // of physical lights 1 / range^2 and 1 / width of the cone's edge, else 0; 1: all rays are parallel
+uniform vec3 light_cone[LIGHTS];   // cosine of the cutoff, exponent, of physical lights 1 / width of the edge, else 0
+uniform float light_fade[LIGHTS];  // of physical lights 1 / range^2, else 0
+uniform int light_kind[LIGHTS];
 
 const vec3 LUMINANCE = vec3(0.2126, 0.7152, 0.0722);  // BT.709
 
@@ -52,19 +54,19 @@ vec3 texel() {
 }
 
 float strength_of(int i, vec3 to_light, vec3 towards) {
-  if (light_end[i].z > 0.0) return 1.0;
+  if (light_kind[i] == DIRECTIONAL) return 1.0;
   float square = max(dot(to_light, to_light), 1e-12);
   vec3 a = light_attenuation[i];
-  float fall = light_cone[i].z > 0.0 ? square : a.x + a.y * sqrt(square) + a.z * square;
-  float strength = 1.0 / max(fall, 1e-12);
-  if (light_end[i].x > 0.0) {
-    float share = square * light_end[i].x, left = max(1.0 - share * share, 0.0);
+  float strength = 1.0 / max(a.x + a.y * sqrt(square) + a.z * square, 1e-12);
+  if (light_fade[i] > 0.0) {
+    float share = square * light_fade[i], left = max(1.0 - share * share, 0.0);
     strength *= left * left;
   }
+  if (light_kind[i] != SPOT) return strength;
   float cosine = -dot(towards, light_direction[i]);
   if (cosine < light_cone[i].x) return 0.0;
-  if (light_end[i].y > 0.0) {
-    float inside = min((cosine - light_cone[i].x) * light_end[i].y, 1.0);
+  if (light_cone[i].z > 0.0) {
+    float inside = min((cosine - light_cone[i].x) * light_cone[i].z, 1.0);
     return strength * inside * inside;
   }
   float power = light_cone[i].y;
@@ -90,7 +92,7 @@ void main() {
   vec3 light = colour * emission;
   for (int i = 0; i < light_count; i++) {
     vec3 to_light = light_position[i] - world_position;
-    vec3 towards = light_end[i].z > 0.0 ? -light_direction[i]
+    vec3 towards = light_kind[i] == DIRECTIONAL ? -light_direction[i]
                                                 : to_light / sqrt(max(dot(to_light, to_light), 1e-12));
     float strength = strength_of(i, to_light, towards);
     float cosine = dot(towards, normal);

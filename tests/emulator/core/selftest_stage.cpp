@@ -55,20 +55,25 @@ SceneData scene_of_everything(float tint) {
     for (float size : {0.3f, 0.2f, 0.25f}) s.geom_size.push_back(shape == PLANE ? 3 * size : size);
   }
   for (int kind = SPOT; kind <= POINT; kind++) {
-    s.lights.push_back({kind,
+    s.lights.push_back({{kind, true, {1, 0.1f, 0}, 3, 0.1f, -1},
                         {0.1f, 0.1f, 0.1f},
                         {0.5f, 0.5f, tint},
                         {0.2f, 0.2f, 0.2f},
-                        true,
-                        {1, 0.1f, 0},
                         40,
-                        3,
-                        0.1f,
+                        0,
                         kind == POINT ? 2.0f : 0.0f,
+                        0,
                         false});
   }
-  s.lights.push_back(
-      {DIRECTIONAL, {0, 0, 0}, {0.2f, 0.2f, 0.2f}, {0, 0, 0}, false, {1, 0, 0}, 45, 0, 0, 0, true});
+  s.lights.push_back({{DIRECTIONAL, false, {1, 0, 0}, 0, 0, -1},
+                      {0, 0, 0},
+                      {0.2f, 0.2f, 0.2f},
+                      {0, 0, 0},
+                      45,
+                      0,
+                      0,
+                      0,
+                      true});
   s.skybox = 3;
   return s;
 }
