@@ -7,9 +7,11 @@ needs, or passes the native core what is forced; `evs plan` and the report read 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from evs.emulator.config import PlanConfig
+from evs.emulator.config.declaration import Term, declaration
+from evs.emulator.config.sensor import ROUNDS, PixelKeys
 from evs.msgs import EvsError, unknown
 
 
@@ -26,7 +28,16 @@ class Feature:
     """why it cannot run where nothing needs it; empty: it can, with the same bytes"""
 
 
-ROUNDS = "it would round the light once more"
+def _keys_of_terms() -> dict[Term, tuple[str, ...]]:
+    keys: dict[Term, tuple[str, ...]] = {}
+    for key in fields(PixelKeys):
+        if (declared := declaration(key)) is not None and (term := declared.term) is not None:
+            keys[term] = (*keys.get(term, ()), key.name)
+    return keys
+
+
+TERMS = _keys_of_terms()
+"""term of the pixel -> the parameters that are 0 where it is off, as config.sensor declares them"""
 
 FEATURES = (
     Feature("colour", "render", "light in three channels beside its luminance"),
@@ -59,28 +70,7 @@ FEATURES = (
     Feature("full_retrace", "render", "every pixel is traced in every tick"),
     Feature("refits", "render", "search trees of skins and flexes that hold still"),
     Feature("ground_truth", "truth", "depth, flow and ids in every tick"),
-    Feature("threshold_spread", "sensor", "a threshold of its own for each pixel"),
-    Feature("rate_spread", "sensor", "noise rates of its own for each pixel"),
-    Feature("defects", "sensor", "hot and dead pixels"),
-    Feature("low_pass", "sensor", "bandwidth of the photoreceptor", ROUNDS),
-    Feature("follower", "sensor", "a second pole", ROUNDS),
-    Feature("high_pass", "sensor", "references that follow the light"),
-    Feature("leak", "sensor", "references that sink"),
-    Feature("parasitic_leak", "sensor", "references that sink faster in bright light"),
-    Feature("shot_noise", "sensor", "events out of nothing"),
-    Feature(
-        "photon_noise",
-        "sensor",
-        "noise of the photocurrent in front of the comparators",
-        "without a photocurrent it has no strength",
-    ),
-    Feature(
-        "refractory",
-        "sensor",
-        "pixels that are blind after an event",
-        "a period of 0 would sample the reference anew after each event",
-    ),
-    Feature("refractory_spread", "sensor", "a refractory period of its own for each pixel"),
+    *(Feature(term.name, "sensor", term.what, term.idle) for term in TERMS),
     Feature(
         "running_mean",
         "model",

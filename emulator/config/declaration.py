@@ -32,6 +32,17 @@ _KEY = "parameter"
 
 
 @dataclass(frozen=True)
+class Term:
+    """A code path of the pixel that is off where its parameters are 0."""
+
+    name: str
+    what: str
+    """what it does"""
+    idle: str = ""
+    """why it cannot run where nothing needs it; empty: it can, with the same bytes"""
+
+
+@dataclass(frozen=True)
 class Declaration:
     """What is declared of a parameter beside its name, its type and its default."""
 
@@ -39,8 +50,8 @@ class Declaration:
     unit: str = ""
     within: tuple[float, float] | None = None
     """lowest and highest value, both allowed; of each item where the value is a tuple"""
-    term: str = ""
-    """the term of the pixel that is off where this is 0, as in base.features.FEATURES"""
+    term: Term | None = None
+    """what is off where this is 0"""
     choices: tuple[str, ...] = ()
     """the words that it may be"""
     noun: str = ""
@@ -66,7 +77,7 @@ def parameter(
     *,
     unit: str = "",
     within: tuple[float, float] | None = None,
-    term: str = "",
+    term: Term | None = None,
     choices: tuple[str, ...] = (),
     noun: str = "",
     example: Any = None,

@@ -12,6 +12,7 @@ from typing import Generic
 
 from evs.emulator.config.declaration import (
     REQUIRED,
+    Term,
     Unset,
     any_path,
     parameter,
@@ -91,6 +92,10 @@ WHITE_DN = 255.0
 BRIGHTEST_DN = 20.0 * WHITE_DN
 """of a whole picture on average: more is probably another unit"""
 
+ROUNDS = "it would round the light once more"
+
+DEFECTS = Term("defects", "hot and dead pixels")
+
 Vector = tuple[float, float, float]
 
 
@@ -130,7 +135,7 @@ class PixelKeys(Generic[Unset]):
         "threshold mismatch: standard deviation of both thresholds over pixels (fixed pattern)",
         unit="log units",
         within=(0.0, 10.0),
-        term="threshold_spread",
+        term=Term("threshold_spread", "a threshold of its own for each pixel"),
     )
     log: str | Unset = parameter(
         "linlog",
@@ -184,7 +189,7 @@ class PixelKeys(Generic[Unset]):
         "photocurrent: cutoff_hz (E + dim_lux) / (bright_lux + dim_lux) at an illuminance E",
         unit="Hz",
         within=(0.0, 1e8),
-        term="low_pass",
+        term=Term("low_pass", "bandwidth of the photoreceptor", ROUNDS),
     )
     dim_lux: float | Unset = parameter(
         20.0 / WHITE_DN * 1000.0,
@@ -213,7 +218,7 @@ class PixelKeys(Generic[Unset]):
         "bandwidth of the source follower behind the photoreceptor, a second pole; 0: no limit",
         unit="Hz",
         within=(0.0, 1e7),
-        term="follower",
+        term=Term("follower", "a second pole", ROUNDS),
     )
     highpass_hz: float | Unset = parameter(
         0.0,
@@ -221,7 +226,7 @@ class PixelKeys(Generic[Unset]):
         "no events; 0: off",
         unit="Hz",
         within=(0.0, 1e6),
-        term="high_pass",
+        term=Term("high_pass", "references that follow the light"),
     )
     leak_rate_hz: float | Unset = parameter(
         0.0,
@@ -229,7 +234,7 @@ class PixelKeys(Generic[Unset]):
         "mean over pixels, at 25 degrees C",
         unit="Hz",
         within=(0.0, 1e4),
-        term="leak",
+        term=Term("leak", "references that sink"),
     )
     parasitic_leak_hz: float | Unset = parameter(
         0.0,
@@ -237,14 +242,14 @@ class PixelKeys(Generic[Unset]):
         "illuminance",
         unit="Hz",
         within=(0.0, 1e4),
-        term="parasitic_leak",
+        term=Term("parasitic_leak", "references that sink faster in bright light"),
     )
     shot_noise_rate_hz: float | Unset = parameter(
         0.0,
         "shot noise: events of both polarities of a pixel in the dark, mean over pixels",
         unit="Hz",
         within=(0.0, 1e5),
-        term="shot_noise",
+        term=Term("shot_noise", "events out of nothing"),
     )
     shot_noise_bright: float | Unset = parameter(
         0.25,
@@ -265,7 +270,11 @@ class PixelKeys(Generic[Unset]):
         "is in the log light that the comparators see; 0: no such noise",
         unit="pA",
         within=(0.0, 1e6),
-        term="photon_noise",
+        term=Term(
+            "photon_noise",
+            "noise of the photocurrent in front of the comparators",
+            "without a photocurrent it has no strength",
+        ),
     )
     photon_noise_factor: float | Unset = parameter(
         2.0,
@@ -278,7 +287,7 @@ class PixelKeys(Generic[Unset]):
         "spread of the leak and shot-noise rates over pixels: standard deviation of their log10",
         unit="decades",
         within=(0.0, 1.0),
-        term="rate_spread",
+        term=Term("rate_spread", "noise rates of its own for each pixel"),
     )
     refractory_period_s: float | Unset = parameter(
         0.0,
@@ -286,7 +295,11 @@ class PixelKeys(Generic[Unset]):
         "reference is then set to the light at that time",
         unit="s",
         within=(0.0, 100.0),
-        term="refractory",
+        term=Term(
+            "refractory",
+            "pixels that are blind after an event",
+            "a period of 0 would sample the reference anew after each event",
+        ),
     )
     refractory_spread_decades: float | Unset = parameter(
         0.0,
@@ -294,7 +307,7 @@ class PixelKeys(Generic[Unset]):
         "pattern); refractory_period_s is the mean",
         unit="decades",
         within=(0.0, 1.0),
-        term="refractory_spread",
+        term=Term("refractory_spread", "a refractory period of its own for each pixel"),
     )
     hot_leak_median_hz: float | Unset = parameter(
         0.0,
@@ -302,7 +315,7 @@ class PixelKeys(Generic[Unset]):
         "pixels with this median and a long tail, at most 1 kHz; 0: off",
         unit="Hz",
         within=(0.0, 1e3),
-        term="defects",
+        term=DEFECTS,
     )
     hot_leak_cov_decades: float | Unset = parameter(
         1.15,
@@ -314,7 +327,7 @@ class PixelKeys(Generic[Unset]):
         0.0,
         "fraction of dead pixels, which never fire",
         within=(0.0, 1.0),
-        term="defects",
+        term=DEFECTS,
     )
     latency_us: float | Unset = parameter(
         0.0,

@@ -16,7 +16,7 @@ from evs.emulator.base.arrays import on_lines
 from evs.emulator.base.scene import F32, F64
 from evs.emulator.sensor.parameters import HOT_LEAK_HZ, MOST_HOT_LEAK_HZ, SensorParameters
 from evs.emulator.sensor.random import Term, exp10, pixel_normals, pixel_uniforms
-from evs.emulator.sensor.terms import SensorTerms
+from evs.emulator.sensor.terms import terms_of
 
 FLOOR = 0.01
 """No threshold that is drawn is lower (v2e's floor), but where the mean itself is."""
@@ -64,7 +64,7 @@ def floor(mean: float) -> float:
 
 
 def draw_pattern(
-    sensor: SensorParameters, seed: int, terms: SensorTerms | None = None
+    sensor: SensorParameters, seed: int, terms: frozenset[str] | None = None
 ) -> FixedPattern:
     """Draw the fixed pattern: one standard normal number N per pixel and term.
 
@@ -77,53 +77,53 @@ def draw_pattern(
         terms: Those the pixels have; None: those the sensor needs.
     """
     size = (sensor.width, sensor.height)
-    terms = terms or SensorTerms.of(sensor)
+    terms = terms_of(sensor) if terms is None else terms
 
     def threshold(mean: float, term: Term) -> F64:
-        if not terms.threshold_spread:
+        if "threshold_spread" not in terms:
             return np.full(size[::-1], mean)
         normals = pixel_normals(seed, term, *size)
         return np.maximum(floor(mean), mean + sensor.sigma_thres * normals)
 
     def spread(term: Term) -> F64 | float:
         cov = sensor.noise_rate_cov_decades
-        return _log_normal(cov, seed, term, size) if terms.rate_spread else 1.0
+        return _log_normal(cov, seed, term, size) if "rate_spread" in terms else 1.0
 
     on = threshold(sensor.pos_thres, Term.THRESHOLD_ON)
     off = threshold(sensor.neg_thres, Term.THRESHOLD_OFF)
     values: dict[str, Any] = {}
     dead = np.zeros((sensor.height, sensor.width), bool)
     tail_hz: F64 | float = 0.0
-    if terms.defects:
+    if "defects" in terms:
         dead = pixel_uniforms(seed, Term.DEFECT, *size) < sensor.dead_pixel_fraction
-    if terms.hot_pixels:
+    if "hot_pixels" in terms:
         decades = sensor.hot_leak_cov_decades * pixel_normals(seed, Term.HOT_LEAK, *size)
         warm = sensor.hot_leak_median_hz * sensor.thermal_factor * exp10(decades)
         tail_hz = np.minimum(warm, MOST_HOT_LEAK_HZ)
-    if terms.shot_noise:
+    if "shot_noise" in terms:
         # half of it is ON; a pixel with a low threshold has more (v2e)
         rate = sensor.shot_noise_rate_hz / 2.0 * spread(Term.SHOT_RATE)
         values["shot_on"] = np.where(dead, 0.0, rate * _ease(sensor, sensor.pos_thres, on))
         values["shot_off"] = np.where(dead, 0.0, rate * _ease(sensor, sensor.neg_thres, off))
-    if terms.leaks:
+    if not terms.isdisjoint(("leak", "parasitic_leak", "hot_pixels")):
         one_hz = np.where(dead, 0.0, spread(Term.LEAK_RATE) * on * 1e-6)
         rate = one_hz * (sensor.leak_rate_hz * sensor.thermal_factor)
-        if terms.hot_pixels:
+        if "hot_pixels" in terms:
             rate = rate + np.where(dead, 0.0, on * 1e-6) * tail_hz
         # at most one event a us, so that a hot chip does not exhaust the memory
         values["leak"] = np.round(np.minimum(rate, on) * GRID) / GRID
-        if terms.parasitic_leak:
+        if "parasitic_leak" in terms:
             values["parasitic"] = one_hz * sensor.parasitic_leak_hz
         leaks = (values["leak"] > 0.0) | (sensor.parasitic_leak_hz > 0.0)
         phase = pixel_uniforms(seed, Term.LEAK_PHASE, *size) * on
         values["phase"] = np.where(leaks & ~dead, phase, 0.0)
     arrays = {name: _constant(array, np.float32) for name, array in values.items()}
-    if terms.refractory_spread and terms.refractory:
+    if "refractory_spread" in terms and "refractory" in terms:
         cov = sensor.refractory_spread_decades
         relative = _log_normal(cov, seed, Term.REFRACTORY, size)
         periods = np.floor(relative * sensor.refractory_us + 0.5)
         arrays["refractory_us"] = _constant(np.clip(periods, 1, LONGEST_US), np.uint32)
-    if terms.hot_pixels:
+    if "hot_pixels" in terms:
         arrays["hot"] = _constant(~dead & (tail_hz > HOT_LEAK_HZ), np.uint8)
     return FixedPattern(
         on=_constant(np.where(dead, np.inf, on), np.float32),

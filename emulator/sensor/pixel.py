@@ -7,7 +7,7 @@ bytes is tests/support/reference/pixel.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import InitVar, dataclass
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -22,7 +22,7 @@ from evs.emulator.sensor.aps_crosstalk import RowReads
 from evs.emulator.sensor.fixed_pattern import FixedPattern, draw_pattern
 from evs.emulator.sensor.parameters import ModelRequest, SensorParameters
 from evs.emulator.sensor.running_mean import RunningMeanConstants
-from evs.emulator.sensor.terms import SensorTerms, reduced
+from evs.emulator.sensor.terms import TERMS, reduced, terms_of
 from evs.msgs import EVENT_DTYPE, Events, EvsError
 
 
@@ -57,7 +57,7 @@ class PlainModel:
         """
         self.sensor = reduced(sensor, switches)
         average = average if switches.decide("running_mean", average) else None
-        self.terms = SensorTerms.of(self.sensor, average is not None, causes, switches)
+        self.terms = terms_of(self.sensor, average is not None, causes, switches)
         """which terms the pixels have"""
         self._threads, self._isa, self._average = threads, isa, average
         aps = self.sensor.aps
@@ -87,7 +87,7 @@ class PlainModel:
     @property
     def features(self) -> dict[str, bool]:
         """Which terms its pixels have, by name."""
-        return self.terms.features
+        return {name: name in self.terms for name in (*TERMS, "running_mean", "causes")}
 
     @property
     def adjustable(self) -> tuple[str, ...]:
@@ -101,9 +101,8 @@ class PlainModel:
         """
         if not isinstance(before, PlainModel):
             raise EvsError("other event models cannot hand their pixels over; make another camera")
-        check_take_over(self, before)
-        # made now: the next tick may have a clock to keep
-        self.array(state.seed)
+        # its pixels are made here: the next tick may have a clock to keep
+        check_take_over(self, before, state.seed)
         before.array(state.seed).settle(state.clock_us, state.arrays())
         if state.shot_next is not None and state.ticks:
             gaps = rescaled_gaps(
@@ -124,18 +123,16 @@ class PlainModel:
 
     def init(self, seed: int) -> PlainState:
         """The state before the first tick."""
-        # drawn now: the first tick may have a clock to keep
-        self.array(seed)
         return self._dark(seed)
 
     def _dark(self, seed: int) -> PlainState:
-        return PlainState.dark(seed, self.sensor, self._average is not None, self.terms)
+        # the pixels are made here: the first tick may have a clock to keep
+        shape = self.sensor.height, self.sensor.width
+        return PlainState.dark(seed, shape, self.array(seed).state)
 
     def restore(self, saved: Arrays) -> PlainState:
         """EventModel.restore."""
         state = PlainState.restore(saved)
-        # drawn now, as in init
-        self.array(state.seed)
         fresh = self._dark(state.seed).arrays()
         ours = {name: array.shape for name, array in state.arrays().items()}
         if ours != {name: array.shape for name, array in fresh.items()}:
@@ -222,10 +219,10 @@ class PlainModel:
             lowpass_slope=turn * sensor.cutoff_hz * sensor.lux_per_dn / span_lux,
             follower=turn * sensor.follower_hz,
             # a rate of 0 that is forced on changes nothing
-            highpass=turn * sensor.highpass_hz if sensor.highpass_hz else self.terms.idle_highpass,
+            highpass=turn * sensor.highpass_hz or 1e-300 * ("high_pass" in self.terms),
             parasitic_slope=sensor.lux_per_dn / sensor.bright_lux,
             refractory_us=sensor.refractory_us,
-            causes=self.terms.causes,
+            causes="causes" in self.terms,
             noise_gain=average.noise_gain if average else 0.0,
             drift_gain=average.drift_gain if average else 0.0,
             least_gain=average.least_gain if average else 0.0,
@@ -302,8 +299,8 @@ class StateArray(NamedTuple):
     """that each of its numbers is of: 1, or BLOCK"""
     first: float
     """its value before the first light"""
-    term: str
-    """the property of SensorTerms without which it is not there; "": it always is"""
+    always: bool
+    """whether it is there whatever terms are on"""
 
     def shape(self, shape: tuple[int, ...]) -> tuple[int, ...]:
         """Its shape where the sensor has this one."""
@@ -332,7 +329,7 @@ class _Arrays:
 
 @dataclass(eq=False)
 class PlainState(_Arrays):
-    """State of (h, w) pixels: the arrays of STATE are attributes, None where their term is off.
+    """State of (h, w) pixels: the arrays of STATE are attributes, None where no term needs them.
 
     The fixed pattern follows from the seed and is not in it. The sensor's clock is the sum of the
     ticks so far.
@@ -358,29 +355,20 @@ class PlainState(_Arrays):
             setattr(self, array.name, values.get(array.name))
 
     @classmethod
-    def dark(
-        cls,
-        seed: int,
-        sensor: SensorParameters,
-        average: bool = False,
-        terms: SensorTerms | None = None,
-    ) -> PlainState:
+    def dark(cls, seed: int, shape: tuple[int, int], names: Collection[str]) -> PlainState:
         """Make the state of pixels that have seen no light yet.
 
         Args:
             seed: What fixed pattern and noise follow from.
-            sensor: The sensor, resolved.
-            average: Whether the running mean is on.
-            terms: Those the pixels have; None: those the sensor needs.
+            shape: (h, w).
+            names: The arrays that they have.
         """
-        terms = terms or SensorTerms.of(sensor, average)
-        shape = (sensor.height, sensor.width)
         return cls(
             seed,
             {
                 array.name: on_lines(np.full(array.shape(shape), array.first, array.dtype))
                 for array in STATE
-                if not array.term or getattr(terms, array.term)
+                if array.name in names
             },
         )
 
@@ -412,7 +400,7 @@ class PlainState(_Arrays):
             arrays = {
                 array.name: on_lines(np.asarray(saved[array.name], array.dtype))
                 for array in STATE
-                if array.name in saved or not array.term
+                if array.name in saved or array.always
             }
             numbers = {name: int(saved[name]) for name in ("seed", *_NUMBERS)}
         except KeyError as missing:
@@ -466,14 +454,14 @@ class PlainState(_Arrays):
     __hash__ = None  # type: ignore[assignment]
 
 
-def check_take_over(now: PlainModel, before: PlainModel) -> None:
+def check_take_over(now: PlainModel, before: PlainModel, seed: int) -> None:
     """Check that pixels can go on with the state of others.
 
     Raises:
         EvsError: A term that has a state is switched on or off; the message has its parameter.
     """
-    names = {array.term for array in STATE if array.term} | {"causes"}
-    if all(getattr(now.terms, name) == getattr(before.terms, name) for name in names):
+    causes = ["causes" in model.terms for model in (now, before)]
+    if now.array(seed).state == before.array(seed).state and causes[0] == causes[1]:
         return
     for key in ADJUSTABLE:
         value = getattr(now.sensor, key)

@@ -13,6 +13,7 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "bindings/gil.h"
 #include "bindings/values.h"
@@ -39,8 +40,8 @@ class BoundPixels {
   PixelArrays read_state(const nb::dict& state, Read&& read) const {
     PixelArrays arrays;
     each_array(arrays, array_->settings(), array_->pattern(),
-               [&](const char* name, auto*& array, size_t pixels, double, StateTerm term) {
-                 if (!term.on) return;
+               [&](const char* name, auto*& array, size_t pixels, double, bool on) {
+                 if (!on) return;
                  const nb::handle value = PyDict_GetItemString(state.ptr(), name);
                  require(value.is_valid(), "the state lacks a term that is on");
                  read(value, pixels, array);
@@ -84,6 +85,9 @@ class BoundPixels {
       throw std::invalid_argument("tick_us must be in [1, 2^28)");
     }
   }
+
+  // The names of the arrays of the state that are on.
+  std::vector<std::string> state() const;
 
   void settle(int64_t clock_us, const nb::dict& state) const {
     array_->settle(bind(state), clock_us);

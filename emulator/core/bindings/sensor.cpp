@@ -30,7 +30,7 @@ LogMap make_log_map(const std::string& log, float exposure_dn, float dark_dn, fl
   throw std::invalid_argument("log must be linlog, log_eps or ln, not " + log);
 }
 
-// The settings that all pixels share, from values of these names.
+// The settings that all pixels share.
 PixelSettings settings_from(const Fields& field) {
   PixelSettings settings;
   std::string log;
@@ -41,27 +41,8 @@ PixelSettings settings_from(const Fields& field) {
   field("dark_dn", dark_dn);
   field("linlog_dn", linlog_dn);
   field("log_eps", log_eps);
-  field("euler", settings.euler);
-  field("large_signal", settings.large_signal);
-  field("lowpass_low", settings.lowpass_low);
-  field("lowpass_slope", settings.lowpass_slope);
-  field("follower", settings.follower);
-  field("highpass", settings.highpass);
-  field("parasitic_slope", settings.parasitic_slope);
-  field("refractory_us", settings.refractory);
-  field("causes", settings.causes);
-  field("noise_gain", settings.noise_gain);
-  field("drift_gain", settings.drift_gain);
-  field("least_gain", settings.least_gain);
-  field("noise_weight", settings.noise_weight);
-  field("shot_bright", settings.shot.bright);
-  field("shot_inverse", settings.shot.inverse);
-  field("shot_slope", settings.shot.slope);
-  field("shot_offset", settings.shot.offset);
-  field("shot_dim_dn", settings.shot.dim_dn);
-  field("aps_crosstalk", settings.aps_crosstalk);
-  field("photon_scale", settings.photon.scale);
   field("seed", seed);
+  settings.each(field);
   settings.map = make_log_map(log, exposure_dn, dark_dn, linlog_dn, log_eps);
   settings.running_mean = settings.least_gain > 0.0f;
   settings.shot.key = hash(seed, TERM_SHOT + 1);
@@ -155,18 +136,28 @@ nb::tuple BoundPixels::step_tick(FrameIn<float> luminance, int64_t t_begin_us, i
   return nb::make_tuple(owned<Bytes>(std::move(buffer.events), buffer.count), clamped);
 }
 
+std::vector<std::string> BoundPixels::state() const {
+  std::vector<std::string> names;
+  PixelArrays none;
+  each_array(none, array_->settings(), array_->pattern(),
+             [&](const char* name, auto*&, size_t, double, bool on) {
+               if (on) names.emplace_back(name);
+             });
+  return names;
+}
+
 // The table of the state, for Python.
-using StateRow = std::tuple<std::string, std::string, int, double, std::string>;
+using StateRow = std::tuple<std::string, std::string, int, double, bool>;
 
 std::vector<StateRow> pixel_state() {
   std::vector<StateRow> rows;
   PixelArrays none;
   each_array(none, {}, {},
-             [&]<class T>(const char* name, T*&, size_t pixels, double first, StateTerm term) {
+             [&]<class T>(const char* name, T*&, size_t pixels, double first, bool always) {
                const char* kind = std::is_same_v<T, float>    ? "float32"
                                   : std::is_same_v<T, double> ? "float64"
                                                               : "int64";
-               rows.emplace_back(name, kind, static_cast<int>(pixels), first, term.name);
+               rows.emplace_back(name, kind, static_cast<int>(pixels), first, always);
              });
   return rows;
 }
@@ -180,8 +171,8 @@ void bind_sensor(nb::module_& m) {
            nb::arg("settings"), nb::arg("pattern"), nb::arg("width"), nb::arg("height"),
            nb::arg("threads") = 0, nb::arg("isa") = "auto",
            "Args:\n"
-           "    settings: What all pixels share; its attributes are those that settings_from of\n"
-           "        core/bindings/sensor.cpp reads. Terms at zero are off.\n"
+           "    settings: What all pixels share, as PlainModel of emulator/sensor/pixel.py makes\n"
+           "        it. Terms at zero are off.\n"
            "    pattern: FixedPattern of emulator/sensor/fixed_pattern.py.\n"
            "    threads: The number of threads; 0 for one per core.\n"
            "    isa: An instruction set of isa_available(), or auto.")
@@ -210,10 +201,11 @@ void bind_sensor(nb::module_& m) {
            "\n"
            "Args:\n"
            "    clock_us: The sensor's clock.\n"
-           "    state: As in `step`.");
+           "    state: As in `step`.")
+      .def_prop_ro("state", &BoundPixels::state, "The names of the arrays of their state.");
   m.def("pixel_state", &pixel_state,
         "Return the table of the state: for each array its name, its dtype, the pixels that a\n"
-        "number is of, its first value and its property of SensorTerms (\"\": always there).");
+        "number is of, its first value and whether it is there whatever terms are on.");
   m.def("natural_log", &natural_log, nb::arg("values").noconvert(),
         "Return ln of normal positive float32 (n,), as the pixel computes it.");
   m.def("lowpass_steps", &lowpass_steps, nb::arg("z").noconvert(),

@@ -67,6 +67,32 @@ struct PixelSettings {
   bool lowpass() const { return lowpass_low > 0.0 || lowpass_slope > 0.0; }
   // Whether a high pass moves references; one that is forced on and idle has a rate of 1e-300.
   bool references_follow() const { return highpass > 1e-290; }
+
+  // Visit each setting by its name in PlainModel of emulator/sensor/pixel.py. Those of the log map
+  // and the seed need bindings/sensor.cpp.
+  template <class Visit>
+  void each(Visit&& visit) {
+    visit("euler", euler);
+    visit("large_signal", large_signal);
+    visit("lowpass_low", lowpass_low);
+    visit("lowpass_slope", lowpass_slope);
+    visit("follower", follower);
+    visit("highpass", highpass);
+    visit("parasitic_slope", parasitic_slope);
+    visit("refractory_us", refractory);
+    visit("causes", causes);
+    visit("noise_gain", noise_gain);
+    visit("drift_gain", drift_gain);
+    visit("least_gain", least_gain);
+    visit("noise_weight", noise_weight);
+    visit("shot_bright", shot.bright);
+    visit("shot_inverse", shot.inverse);
+    visit("shot_slope", shot.slope);
+    visit("shot_offset", shot.offset);
+    visit("shot_dim_dn", shot.dim_dn);
+    visit("aps_crosstalk", aps_crosstalk);
+    visit("photon_scale", photon.scale);
+  }
 };
 
 // The fixed pattern, row by row. Null: the term is off.
@@ -118,33 +144,21 @@ struct PixelArrays {
   bool shot_noise() const { return EVS_SHOT_NOISE && shot.next != nullptr; }
 };
 
-// What an array of the state is for: a property of SensorTerms of emulator/sensor/terms.py; "": it
-// is always there.
-struct StateTerm {
-  const char* name;
-  bool on;
-};
-
-// The table of the state: visit(name, array, pixels, first, term) each array. It has a number for
-// each `pixels` pixels, at first this one, and is null where its term is off.
+// The table of the state: visit(name, array, pixels, first, on) each array. It has a number for
+// each `pixels` pixels, at first this one, and is null unless the terms that are on need it.
 template <class Visit>
 void each_array(PixelArrays& a, const PixelSettings& settings, const PixelPattern& pattern,
                 Visit&& visit) {
   constexpr double NONE = std::numeric_limits<double>::quiet_NaN();
-  const StateTerm always{"", true};
-  const StateTerm low_pass{"low_pass", settings.lowpass()};
-  const StateTerm follower{"follower", settings.follower > 0.0};
-  const StateTerm refractory{"refractory", settings.refractory > 0};
-  const StateTerm photon_noise{"photon_noise", settings.photon.scale > 0.0};
-  const StateTerm running_mean{"running_mean", settings.running_mean};
-  const StateTerm shot_noise{"shot_noise", pattern.shot_on != nullptr};
+  const bool low_pass = settings.lowpass(), follower = settings.follower > 0.0;
+  const bool refractory = settings.refractory > 0, photon_noise = settings.photon.scale > 0.0;
+  const bool running_mean = settings.running_mean, shot_noise = pattern.shot_on != nullptr;
   // whether anything happens with time in blocks that are skipped
-  const StateTerm skips{"skips", pattern.leak != nullptr || settings.highpass > 0.0 ||
-                                     low_pass.on || follower.on || refractory.on ||
-                                     running_mean.on};
-  visit("reference", a.reference, 1, NONE, always);
-  visit("last_log", a.last_log, 1, NONE, always);
-  visit("last_luminance", a.last_luminance, 1, -1.0, always);
+  const bool skips = pattern.leak != nullptr || settings.highpass > 0.0 || low_pass || follower ||
+                     refractory || running_mean;
+  visit("reference", a.reference, 1, NONE, true);
+  visit("last_log", a.last_log, 1, NONE, true);
+  visit("last_luminance", a.last_luminance, 1, -1.0, true);
   visit("filtered", a.filtered, 1, 0.0, low_pass);
   visit("followed", a.followed, 1, 0.0, follower);
   visit("blind_until", a.blind_until, 1, 0.0, refractory);

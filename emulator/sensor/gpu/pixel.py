@@ -107,9 +107,9 @@ class CudaPlainModel(PlainModel):
         self._gpu = gpu = the_gpu()
         gpu.use()
         self.kernel_terms = {
-            "EVS_PHOTON_NOISE": int(self.terms.photon_noise),
-            "EVS_RUNNING_MEAN": int(self.terms.running_mean),
-            "EVS_SHOT_NOISE": int(self.terms.shot_noise),
+            "EVS_PHOTON_NOISE": int("photon_noise" in self.terms),
+            "EVS_RUNNING_MEAN": int("running_mean" in self.terms),
+            "EVS_SHOT_NOISE": int("shot_noise" in self.terms),
             "EVS_LOG": LOGS.index(self.sensor.log),
             "EVS_FILTER": FILTERS.index(self.sensor.filter),
         }
@@ -170,7 +170,7 @@ class CudaPlainModel(PlainModel):
         now.clock_us += tick_us
         now.tick_us = tick_us
         now.ticks += 1
-        width, causes = self.sensor.width, self.terms.causes
+        width, causes = self.sensor.width, "causes" in self.terms
         events = _core.order_crossings(crossings, t_begin_us, tick_us, width, causes)
         return events.view(EVENT_DTYPE), state
 

@@ -177,7 +177,7 @@ def test_a_term_at_zero_draws_no_number_and_has_no_memory(
 
 
 def test_the_terms_of_the_plan_are_all_here() -> None:
-    idle = set(PlainModel(SENSOR).terms.features)
+    idle = set(PlainModel(SENSOR).features)
     # a low pass, photon noise, a period and a mean cannot be there and do nothing
     assert idle - {feature.name for feature in FEATURES if feature.idle} == {*TERMS}
 

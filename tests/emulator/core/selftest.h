@@ -22,8 +22,8 @@ class PixelMemory {
 
   PixelMemory(const PixelSettings& settings, const PixelPattern& pattern, size_t count) {
     each_array(arrays, settings, pattern,
-               [&]<class T>(const char*, T*& array, size_t pixels, double first, StateTerm term) {
-                 if (!term.on) return;
+               [&]<class T>(const char*, T*& array, size_t pixels, double first, bool on) {
+                 if (!on) return;
                  const size_t numbers = (count + pixels - 1) / pixels;
                  memory_.emplace_back(numbers * sizeof(T));
                  array = reinterpret_cast<T*>(memory_.back().data());

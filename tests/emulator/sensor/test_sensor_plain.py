@@ -135,7 +135,7 @@ def test_refusals() -> None:
     with pytest.raises(EvsError, match="use shorter ones"):
         model.step(light, model.init(0), 0, 2**28)
     with pytest.raises(EvsError, match="call init again"):
-        model.step(light, PlainState.dark(0, linear_sensor(4, 5)), 0, 1000)
+        model.step(light, PlainModel(linear_sensor(4, 5), 1).init(0), 0, 1000)
 
 
 def test_no_threshold_is_drawn_below_its_floor_or_its_mean() -> None:

@@ -1,8 +1,8 @@
 """The whole event pixel in NumPy and plain Python, written for reading: the oracle of core/sensor.
 
-It gives the native pixel's events and state byte for byte, and imports nothing native. It is
-written from the contracts in the headers, it leaves no pixel out, and it is slow. `ReferenceModel`
-takes a whole frame's tick, term by term.
+It gives the native pixel's events and state byte for byte, and takes nothing native but the empty
+arrays of its first state. It is written from the contracts in the headers, it leaves no pixel out,
+and it is slow. `ReferenceModel` takes a whole frame's tick, term by term.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from evs.emulator.sensor import running_mean
 from evs.emulator.sensor.aps_crosstalk import RowReads
 from evs.emulator.sensor.fixed_pattern import FixedPattern, draw_pattern
 from evs.emulator.sensor.parameters import SensorParameters
-from evs.emulator.sensor.pixel import BLOCK, PlainState, check_tick
+from evs.emulator.sensor.pixel import BLOCK, PlainModel, PlainState, check_tick
 from evs.emulator.sensor.reference.filters import (
     FOR_EVER,
     SLOWEST,
@@ -66,7 +66,7 @@ class ReferenceModel:
 
     def init(self, seed: int) -> PlainState:
         """The state before the first tick."""
-        return PlainState.dark(seed, self.sensor, self.average is not None)
+        return PlainModel(self.sensor, 1, average=self.average).init(seed)
 
     def take_over(self, state: PlainState, before: ReferenceModel) -> PlainState:
         """As PlainModel.take_over; this one leaves the state handed in as it was."""
