@@ -21,45 +21,41 @@ from evs.msgs import EvsError, nearest_first, unknown
 
 GROUPS = {
     "Run a camera": {
-        "demo": "the main job: a robot, its events sent to a second process, recorded and drawn",
+        "demo": "the whole pipeline: a robot, its events sent to another process, recorded, drawn",
         "emulate": "run a scene through the event camera: publish it, record it",
         "launch": "run cameras, recorders, viewers and controllers together, from one file",
-        "loop": "closed-loop examples: balance a pencil, keep a goal, by event cameras",
+        "loop": "closed-loop examples: balance a pencil or guard a goal with event cameras",
     },
     "See what it would do": {
-        "plan": ("what a scene requires: code paths that are on, or off and why"),
-        "render": (
-            "luminance, colour, depth, normals, ids and optical flow of a scene, into one .npz file"
-        ),
-        "sensors": "list the sensors, or every parameter of one and its source",
+        "plan": "what a scene requires: which code paths are on or off, and why",
+        "render": "render luminance, colour, depth, normals, ids and optical flow to an .npz file",
+        "sensors": "list the sensors, or every parameter of one with its source",
     },
     "Watch a running camera": {
         "echo": "show what a camera publishes: its packets, their rate or their bandwidth",
-        "topics": "list what a camera publishes, by its control port, or stop it",
+        "topics": "list what a camera publishes through its control port, or stop it",
         "record": "record what a camera publishes: events, frames and IMU",
     },
     "Recordings": {
         "view": (
-            "a recording as a picture or a film (.png, .gif, .mp4); --live: what a camera publishes"
+            "draw a recording as a picture or film (.png, .gif, .mp4); --live: show a live camera"
         ),
-        "info": "describe a recording and whether it is complete; --repair cuts a torn tail",
+        "info": "describe a recording and check whether it is complete; --repair mends a torn end",
         "convert": (
             "write a recording in another format, or turn a film or a folder of frames into events"
         ),
         "play": "publish a recording on the bus, as the camera did",
     },
     "Data and training": {
-        "dataset": (
-            "a data set of scenes: events, RGB, depth, flow, segmentation, IMU, poses, causes"
-        ),
+        "dataset": "make a data set: events, RGB, depth, flow, segmentation, IMU, poses, causes",
     },
     "Set up": {
-        "doctor": "is this machine fit: packages, processor, a trial run, and the extremes",
-        "keygen": "make a pair of keys, which protect a camera on the network",
+        "doctor": "check this machine: packages, processor, a trial run, and the extremes",
+        "keygen": "make a key pair, which protects a camera on the network",
         "schema": (
-            "print the JSON Schema of pipelines, with which an editor completes and checks them"
+            "print the JSON Schema of pipelines, which lets an editor complete and check them"
         ),
-        "completion": "print the lines that make bash, zsh or fish complete the commands of evs",
+        "completion": "print the lines that make bash, zsh or fish complete evs commands",
     },
 }
 """Heading -> command -> what it does, in one line.

@@ -27,13 +27,13 @@ PLACES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
 
 
 def is_gymnasium(env: object) -> bool:
-    """Is it an environment of Gymnasium? Imports nothing."""
+    """Is it a Gymnasium environment? Imports nothing."""
     gymnasium = sys.modules.get("gymnasium")
     return gymnasium is not None and isinstance(env, gymnasium.Env)
 
 
 def holds_environments(env: object) -> bool:
-    """Is it a vector environment of Gymnasium whose environments are in this process?"""
+    """Is it a Gymnasium vector environment whose environments are in this process?"""
     vector = sys.modules.get("gymnasium.vector")
     if vector is None or not isinstance(env, vector.VectorEnv):
         return False

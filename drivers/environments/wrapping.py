@@ -37,10 +37,10 @@ def wrap(
         env.step(action)
         env.events                      # events of this step
 
-    For environments of Gymnasium, Gymnasium-Robotics, Metaworld, robosuite and dm_control, also
+    For Gymnasium, Gymnasium-Robotics, Metaworld, robosuite and dm_control environments, also
     wrapped ones. Events start again after resets, resets that compile a new model, and episodes
     that begin in `step`. In a gymnasium.vector.SyncVectorEnv every environment gets its own camera,
-    item i of `events` has the events of environment i, and `event_cameras` has the cameras.
+    item i of `events` holds the events of environment i, and `event_cameras` holds the cameras.
 
     With a list of cameras, `events` and `event_camera` are dicts by name. Calls may be nested: each
     wrapper has the events of its own cameras.
@@ -58,17 +58,17 @@ def wrap(
         model_config: What turns light into events.
         seed: Determines the noise of all episodes, together with the seed of `reset`.
         threads: Worker threads; 0: one per core.
-        visual: Groups and flags that are seen, a mujoco.MjvOption or a VisualConfig; None: those of
+        visual: Visible groups and flags, a mujoco.MjvOption or a VisualConfig; None: those of
             the environment's own pictures where it has any (robosuite's render_collision_mesh,
             Gymnasium's MujocoRenderer, dm_control's scene_option), else what MuJoCo shows by
             default.
 
     Returns:
         The environment with `events`, (n,) EVENT_DTYPE of its last step, `event_camera`, the
-        EventCamera, and `instabilities`. One of Gymnasium is a gymnasium.Wrapper.
+        EventCamera, and `instabilities`. For Gymnasium, it is a gymnasium.Wrapper.
 
     Raises:
-        EvsError: The environment has no physics of MuJoCo; or see `EventCamera`.
+        EvsError: The environment has no MuJoCo physics; or see `EventCamera`.
     """
     if every not in EVERY:
         raise EvsError(f"every is {every!r}; give {' or '.join(map(repr, EVERY))}")

@@ -216,7 +216,7 @@ FORMATS: tuple[Format, ...] = (
     Format(
         name="dat",
         suffixes=(".dat",),
-        title="DAT: Prophesee's 8 bytes an event; survives a kill at any moment",
+        title="DAT: Prophesee's 8 bytes per event; survives a kill at any moment",
         reader="evs.drivers.files.dat:DatFile",
         recorder="evs.drivers.files.dat:DatRecorder",
         capabilities=Capabilities(
@@ -309,7 +309,7 @@ FORMATS: tuple[Format, ...] = (
     Format(
         name="txt",
         suffixes=(".txt",),
-        title="TXT: lines of t x y p, t in seconds, as the Event Camera Dataset",
+        title="TXT: lines of t x y p, t in seconds, as in the Event Camera Dataset",
         reader="evs.drivers.files.csv:CsvFile",
         recorder="evs.drivers.files.csv:TxtRecorder",
         capabilities=_TXT,
@@ -337,7 +337,7 @@ FORMATS: tuple[Format, ...] = (
     Format(
         name="nmnist",
         suffixes=(".bin",),
-        title="N-MNIST: 5 bytes an event, N-Caltech101's too",
+        title="N-MNIST and N-Caltech101: 5 bytes per event",
         reader="evs.drivers.files.nmnist:NMnistFile",
     ),
 )

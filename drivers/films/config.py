@@ -22,26 +22,26 @@ _MOST_TIMES = 1 << 26
 
 @dataclass(frozen=True)
 class FilmConfig:
-    """[film]: when its frames were, what their numbers mean, and how they fit the sensor."""
+    """[film]: when its frames were taken, what their values mean, and how they fit the sensor."""
 
     fps: float | None = None
     """frames per second of the film, instead of its own time stamps, Hz; a folder needs it"""
     times: str = ""
-    """a text file with the time of each frame, s, one a line, instead of fps"""
+    """a text file with the time of each frame, s, one per line, instead of fps"""
     slowdown: float = 1.0
-    """how many times slower the film shows the world than it was (slow motion): times are divided
-    by it; v2e's input_slowmotion_factor"""
+    """how many times slower than reality the film runs (slow motion): times are divided by it;
+    v2e's input_slowmotion_factor"""
     substeps: int = 1
-    """steps from one frame to the next: 1, 2, 4 ... 256. Light goes in a straight line; no motion
-    is invented"""
+    """steps from one frame to the next: 1, 2, 4 ... 256. Light changes in a straight line; no
+    motion is invented"""
     between: str = "log"
-    """what goes in a straight line in substeps: log | linear"""
+    """what changes in a straight line in substeps: log | linear"""
     unit: str = "auto"
-    """what the frames' numbers mean: luminance | srgb | dn | lux; auto: srgb for 8 and 16 bits,
-    luminance for floats (EXR); dn takes coded numbers for light, as v2e does"""
+    """what the values in the frames mean: luminance | srgb | dn | lux; auto: srgb for 8 and 16
+    bits, luminance for floats (EXR); dn treats sRGB values as light, as v2e does"""
     fit: str = "crop"
-    """crop: the largest part in the middle with the sensor's aspect | stretch: all of it | exact:
-    refuse frames of another size; each pixel takes the mean light of its area"""
+    """crop: the largest centred part with the sensor's aspect ratio | stretch: all of it | exact:
+    reject frames of another size; each pixel takes the mean light of its area"""
     crop: tuple[int, ...] = ()
     """x y width height of the part of the frames to take, px; none: all of them"""
 

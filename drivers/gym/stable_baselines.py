@@ -1,4 +1,4 @@
-"""StableBaselinesEnvs: a vector environment of Gymnasium as Stable-Baselines3 takes one.
+"""StableBaselinesEnvs: a Gymnasium vector environment in the form that Stable-Baselines3 expects.
 
 Stable-Baselines3 has a base class of its own. It is installed by whoever learns with it; nothing
 else here imports it.

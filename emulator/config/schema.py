@@ -19,7 +19,7 @@ from evs.msgs import EvsError
 @named_keywords
 @dataclass(frozen=True)
 class VisualConfig:
-    """[scene.visual]: what of the model is visible, named as in MuJoCo's mjvOption."""
+    """[scene.visual]: which parts of the model are visible, named as in MuJoCo's mjvOption."""
 
     geomgroup: tuple[int, ...] = (0, 1, 2)
     """groups of visible geoms, 0 ... 5; hidden geoms cast no shadow either"""
@@ -38,7 +38,7 @@ class VisualConfig:
     skin: bool = True
     """false: no skins"""
     static: bool = True
-    """false: no geoms and sites of bodies that are fixed to the world"""
+    """false: no geoms or sites of bodies that are fixed to the world"""
     transparent: bool = False
     """true: movable geoms are transparent, by visual/map alpha"""
     flexskin: bool = True
@@ -61,8 +61,8 @@ class SceneConfig:
     tick_us: int = 1000
     """length of a tick, us; the model's time step is subdivided to fit"""
     start_us: int = 0
-    """time stamp of the start, us, for example a Unix time; it shifts every stamp and changes no
-    event"""
+    """time stamp of the start, us, for example a Unix time; it shifts every stamp and changes
+    nothing else"""
     control: str = "auto"
     """auto: hold the controls of `home` if the run starts there, else zero | zero | keyframe |
     random | file"""
@@ -86,7 +86,7 @@ class SceneConfig:
 @named_keywords
 @dataclass(frozen=True)
 class CameraConfig:
-    """[camera]: a camera that the model lacks, or different optics for one that it has."""
+    """[camera]: a camera that the model lacks, or different optics for one of its cameras."""
 
     lookat: tuple[float, float, float] | None = parameter(
         None,
@@ -135,7 +135,7 @@ class CameraConfig:
     shake_hz: float = 5.0
     """centre frequency of the shake: 5 Hz resembles a hand, 50 Hz a motor"""
     shake_seed: int = 0
-    """what it follows from"""
+    """seed of the shake"""
     fovy: float | None = parameter(
         None,
         "vertical field of view, degrees; None: that of the model's camera",
@@ -207,7 +207,7 @@ class RenderConfig:
     """fixed: every pixel takes all samples | adaptive: only pixels at an edge of the light (direct,
     hybrid) or of a geom (path) take all, the others one (direct, hybrid) or a quarter (path)"""
     seeds: str = "fixed"
-    """fixed: a pixel takes the same samples every tick, so constant light gives no events |
+    """fixed: a pixel takes the same samples every tick, so constant light causes no events |
     fresh: new samples every tick, as in the paper | cycle: a cycle of sets of samples, one per
     tick; the light is the mean of the last cycle (fresh, cycle: path only)"""
     cycle_ticks: int = 4
@@ -237,7 +237,7 @@ class RenderConfig:
     lux)"""
     linear_textures: tuple[str, ...] = ()
     """names of the model's textures that hold linear light; all other colour textures are
-    display-coded, whatever their `colorspace`; data maps (normal, roughness, ...) never are"""
+    sRGB, whatever their `colorspace`; data maps (normal, roughness, ...) never are"""
     incremental: bool = True
     """trace again only the pixels that a motion can affect; the result is the same bit for bit"""
     isa: str = "auto"
@@ -284,8 +284,8 @@ class ModelConfig:
         is_path=path_or_name(".onnx"),
     )
     runtime: str = "native"
-    """evsnet: native: the kernel of evs, which updates only what moves | onnxruntime: any provider,
-    any graph | reference: plain NumPy, slow"""
+    """evsnet: native: evs's own kernel, which updates only what changes | onnxruntime: any
+    provider, any graph | reference: plain NumPy, slow"""
     provider: str = "cpu"
     """evsnet on onnxruntime: cpu | cuda | tensorrt | openvino | coreml, if its build has it"""
     chunk: int = 1
@@ -302,10 +302,10 @@ class ModelConfig:
     possible; the events are the same"""
     labels: bool = False
     """label every event with its cause (signal, leak, shot noise, hot pixel), and with geom, class,
-    depth and flow of what the pixel sees, in packet.labels and in .npz recordings"""
+    depth and flow of what the pixel shows, in packet.labels and in .npz recordings"""
     classes: tuple[str, ...] = ()
     """labels: NAME=PATTERN: a class, and the names of its geoms, or of bodies with their
-    descendants, such as hand=finger*; the first match counts. Geoms without a match have the name
+    descendants, such as hand=finger*; the first match counts. Geoms without a match get the name
     of the whole object, such as the robot's root body"""
 
 
@@ -360,8 +360,8 @@ class DelayConfig:
     drop_share: float = 0.0
     """fraction of packets that are lost, 0 ... 1; lost packets are counted"""
     control_us: int = 0
-    """delay from a decision to its effect, us; it takes effect in the first tick that begins from
-    then on"""
+    """delay from a decision to its effect, us; it takes effect in the first tick that begins at
+    or after that time"""
     control_jitter_us: float = 0.0
     """standard deviation of that delay from decision to decision, us; decisions stay in order"""
 
@@ -369,7 +369,7 @@ class DelayConfig:
 @named_keywords
 @dataclass(frozen=True)
 class LimitConfig:
-    """[[loop.limits]]: a range that a sensor of the model must stay in. Any number of tables."""
+    """[[loop.limits]]: a range in which a model sensor must stay. Any number of tables."""
 
     sensor: str = ""
     """name of a <sensor> of the model"""

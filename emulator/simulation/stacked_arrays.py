@@ -30,7 +30,7 @@ class StackedArrays:
         grids.encode(seen, worlds.t_us - 10_000, worlds.t_us)      # (n, 5, 64, 64) float32
         torch.from_dlpack(grids.array)                             # the same memory
 
-    Row i has the bytes of the function of this name in evs.emulator.representations.
+    Row i has the same bytes as the result of the function `kind` in evs.emulator.representations.
     """
 
     array: npt.NDArray[Any]

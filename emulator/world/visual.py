@@ -80,7 +80,7 @@ def _of_option(option: mujoco.MjvOption) -> VisualConfig:
 
 
 def new_option(template: mujoco.MjvOption | None = None) -> mujoco.MjvOption:
-    """An mjvOption of one's own.
+    """A new mjvOption.
 
     Args:
         template: The options to copy; None: those that MuJoCo begins with.

@@ -1,4 +1,4 @@
-"""`evs completion`: print the lines that make a shell complete the commands of evs."""
+"""`evs completion`: print the lines that make a shell complete evs commands."""
 
 from __future__ import annotations
 

@@ -28,13 +28,13 @@ examples:
   evs convert film.mp4 run.aedat4 --sensor davis346 sensor.pos_thres=0.3
   evs convert frames/ run.aedat4 --fps 1000          PNG, JPEG, TIFF or EXR, in the order of names
 
-OUT of a recording appears when it is complete. If OUT cannot hold all data of IN, the command stops
-before it writes anything. OUT of a film grows with it: after Ctrl-C it holds what was done, and
-OUT.report.json describes the run.
+If IN is a recording, OUT appears when it is complete. If OUT cannot hold all data of IN, the
+command stops before it writes anything. If IN is a film, OUT grows with it: after Ctrl-C it holds
+what was done, and OUT.report.json describes the run.
 
-Nothing is known of what moved between two frames of a film: each pixel's light goes in a straight
-line. --substeps makes the lines finer for slow pixels, and invents no motion. For that, give frames
-of an interpolator that follows motion, as a folder with --fps.
+evs does not know what moved between two frames of a film: the light of each pixel changes in a
+straight line. --substeps makes the lines finer for slow pixels, but invents no motion. For that,
+give frames from an interpolator that follows motion, as a folder with --fps.
 
 keys of films: sensor.KEY and model.KEY as in `evs emulate`, name, and
 {film_keys}
@@ -43,9 +43,9 @@ formats:
 
 OPTIONS = {
     "fps": ("film.fps", "HZ", "films: frames per second, not the film's own times"),
-    "slowdown": ("film.slowdown", "N", "films: they show the world N times slower than it was"),
-    "substeps": ("film.substeps", "N", "films: steps from frame to frame; invents no motion"),
-    "between": ("film.between", "LINE", "films: what goes straight in substeps: log or linear"),
+    "slowdown": ("film.slowdown", "N", "films: how many times slower than reality they run"),
+    "substeps": ("film.substeps", "N", "films: steps from frame to frame; no motion is invented"),
+    "between": ("film.between", "LINE", "films: what changes linearly in substeps: log or linear"),
     "unit": (
         "film.unit",
         "UNIT",

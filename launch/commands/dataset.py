@@ -23,7 +23,7 @@ KEYS = {
     "spp": ("frames.spp", "N", "samples per pixel of the frames (256; direct: 64)"),
     "fps": ("frames.fps", "N", "frames per simulated second (60)"),
     "seed": ("seed", "N", "random seed"),
-    "episodes": ("episodes", "N", "sequences of each scene, each with another seed (1)"),
+    "episodes": ("episodes", "N", "sequences of each scene, each with its own seed (1)"),
     "threads": ("threads", "N", "threads per shard; 0: its share of the cores"),
 }
 """option -> (the key it is short for, placeholder, one line)"""
@@ -75,7 +75,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE|KEY=RANGE",
-        help="another sensor or scene in each sequence: ranges, or a TOML file of them",
+        help="a different sensor or scene in each sequence: ranges, or a TOML file of them",
     )
     add("--short", action="store_true", help="small and quick, to check that everything works")
     for option, (key, placeholder, line) in KEYS.items():

@@ -1,4 +1,4 @@
-"""`evs demo`: the main job from end to end, and a check that nothing was lost on the way."""
+"""`evs demo`: the whole pipeline from end to end, and a check that nothing was lost."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--markdown",
         metavar="FILE",
-        help="only run the stress cases of evs-lab, at full length (some minutes), and write a "
+        help="only run the stress cases of evs-lab, at full length (several minutes), and write a "
         "table to FILE",
     )
 

@@ -22,7 +22,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
     parser.add_argument("file", metavar="FILE", help=f"a recording: {endings()}")
     parser.add_argument(
-        "--repair", action="store_true", help="first cut a torn tail in place; keeps every packet"
+        "--repair",
+        action="store_true",
+        help="first repair a torn end in place; keeps every complete packet",
     )
     add_reading_options(parser)
     form = parser.add_mutually_exclusive_group()

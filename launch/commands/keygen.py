@@ -1,4 +1,4 @@
-"""`evs keygen NAME`: make a pair of keys, to publish a camera to other machines."""
+"""`evs keygen NAME`: make a key pair, to publish a camera to other machines."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "Writes NAME.key, the public key to share, and NAME.secret.key, which stays on this\n"
         "machine. A camera with a key pair encrypts its traffic; clients need its NAME.key. With\n"
-        "--allow it accepts only clients whose own NAME.key it was given."
+        "--allow, it accepts only clients whose own NAME.key it was given."
     )
     parser.add_argument("name", metavar="NAME", help="name of the key files; may include a folder")
 

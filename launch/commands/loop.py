@@ -42,14 +42,14 @@ EPILOG = """\
 examples:
   evs loop pencil                                    balance for 30 s, in process
   evs loop pencil --gif pencil.gif                   the same, 4 s as a film
-  evs loop pencil --table out/pencil.json --jobs 2   compare events with frames, up to their limits
+  evs loop pencil --table out/pencil.json --jobs 2   compare events and frames up to their limits
   evs loop goalie --gif goalie.gif --speed 8         four shots, in slow motion
   evs loop goalie --table out/goalie.json            saves against ball speed, also as .md and .png
   evs loop cartpole --seeds 20                       gymnasium's cart-pole, its camera on the cart
   evs launch pencil                                  world and controller in two processes
   evs loop pencil --serve tcp://127.0.0.1:5570 publish=tcp://127.0.0.1:5560 record=run.aedat4
 --table writes FILE.json, which a second run resumes, and the table as FILE.md beside it. With
---tracker it measures only that tracker. --quick takes a minute, and its numbers mean nothing."""
+--tracker it measures only that tracker. --quick takes a minute, and its numbers are meaningless."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -19,7 +19,7 @@ EPILOG = """\
 examples:
   evs play run.aedat4                                    on the bus, in real time
   evs play run.aedat4 --start 1 --stop 2 --rounds 0      one second, again and again
-  evs play run.raw sink.0.type=ros2 sink.0.node=camera   as a camera of ROS 2
+  evs play run.raw sink.0.type=ros2 sink.0.node=camera   as a ROS 2 camera
   evs play run.mcap sink.0.type=dv sink.0.address=tcp://127.0.0.1:7777 --speed 0.1"""
 
 
@@ -33,7 +33,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "words",
         nargs="*",
         metavar="sink.N.key=value",
-        help="other sinks than the bus, with the keys of [[sink]] (evs emulate --help)",
+        help="sinks other than the bus, with the keys of [[sink]] (evs emulate --help)",
     )
     add_reading_options(parser)
     pace = parser.add_mutually_exclusive_group()
@@ -59,7 +59,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=1,
         metavar="N",
-        help="play it N times, time going on; 0: until Ctrl-C (default: %(default)s)",
+        help="play it N times, with time running on; 0: until Ctrl-C (default: %(default)s)",
     )
     bus = parser.add_argument_group("the bus, without other sinks")
     bus.add_argument(

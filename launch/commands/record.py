@@ -31,8 +31,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--beside",
         action="store_true",
-        help="if FILE exists, record to FILE-1 beside it, as run-1.aedat4; evs launch adds this "
-        "when it restarts a recorder",
+        help="if FILE exists, record to FILE-1 beside it, such as run-1.aedat4; evs launch adds "
+        "this when it restarts a recorder",
     )
     add_key_options(parser)
     parser.epilog = (

@@ -23,7 +23,7 @@ examples:
   evs sensors imx636                                    its parameters, their sources, its biases
   evs sensors davis346 sensor.biases.PrBp_fine=30       the effect of that bias on them
   evs sensors mine.toml --json                          your own file, as one JSON object
-A * marks a value that a key or a bias changes from the preset's own."""
+A * marks a value that a key or a bias has changed."""
 
 COLUMNS = {
     "sensor": ("name", "{}"),
@@ -52,7 +52,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "words",
         nargs="*",
         metavar="NAME, sensor.key=value",
-        help="a sensor, and keys as `evs emulate` takes them",
+        help="a sensor, and keys as for `evs emulate`",
     )
     parser.add_argument("--json", action="store_true", help="print JSON instead")
 

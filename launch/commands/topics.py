@@ -29,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     what.add_argument(
         "--parameters",
         action="store_true",
-        help="print the parameters of each sensor that can change as JSON",
+        help="print the adjustable parameters of each sensor as JSON",
     )
     what.add_argument(
         "--set",
@@ -37,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         help="change parameters from the next tick on, as in pos_thres=0.3 biases.bias_diff_on=20",
     )
-    what.add_argument("--stop", action="store_true", help="request the end of the run")
+    what.add_argument("--stop", action="store_true", help="ask the camera to end its run")
     parser.add_argument(
         "--timeout",
         type=float,

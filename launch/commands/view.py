@@ -28,7 +28,7 @@ examples:
   evs view --live tcp://127.0.0.1:5560               live, in Rerun's viewer or as characters
   evs view --live tcp://127.0.0.1:5560 -o live.rrd   to a file for Rerun's viewer
   evs view --web tcp://127.0.0.1:5560                live, as a page in a browser
-  evs view --live tcp://127.0.0.1:5560 --rerun-web   Rerun's viewer in a browser of this machine
+  evs view --live tcp://127.0.0.1:5560 --rerun-web   Rerun's viewer in a browser on this machine
 blue: brighter (ON), red: darker (OFF). Times are seconds after the recording's first event."""
 
 MAX_SCALE = 64
@@ -71,13 +71,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     live_view.add_argument(
         "--rerun-web",
         action="store_true",
-        help="serve Rerun's viewer to a browser of this machine, and print its address",
+        help="serve Rerun's viewer to a browser on this machine, and print its address",
     )
     live_view.add_argument(
         "--points",
         type=int,
         metavar="N",
-        help="in Rerun, also draw a cloud of events in x, y and time, of N points at most",
+        help="in Rerun, also draw a cloud of events in x, y and time, of at most N points",
     )
     live_view.add_argument(
         "--timeout", type=float, metavar="S", help="end after S seconds without a packet"
@@ -95,7 +95,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--port", type=int, default=0, metavar="N", help="port of the page (default: any free one)"
     )
     live_view.add_argument(
-        "--no-browser", action="store_true", help="print the page's address and open no browser"
+        "--no-browser",
+        action="store_true",
+        help="print the page's address without opening a browser",
     )
     options.add_key_options(live_view)
 

@@ -126,18 +126,18 @@ def add_reading_options(
         "--columns",
         metavar="NAMES",
         help="what the columns of a table (text, npz, HDF5) hold, as in t,x,y,p, or their names, "
-        "as in t=time,x=col,y=row,p=sign (default: found from names and values)",
+        "as in t=time,x=col,y=row,p=sign (default: inferred from names and values)",
     )
     if unit:
         parser.add_argument(
             "--unit",
             metavar="UNIT",
-            help="of the times of a table: s, ms, us or ns (default: found from names and values)",
+            help="unit of the times in a table: s, ms, us or ns (default: inferred)",
         )
     parser.add_argument(
         "--stream",
         metavar="NAME",
-        help="the event stream to read, where a recording holds several (evs info lists them)",
+        help="the event stream to read, if a recording holds several (evs info lists them)",
     )
     parser.add_argument(
         "--chip",
