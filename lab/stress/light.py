@@ -308,86 +308,87 @@ CASES = (
     StressCase(
         "no-light",
         "light",
-        "a picture in which nothing is lit; then light as usual",
-        "no event without light, then those of ln(light), one by one; one warning says that "
+        "a picture in which nothing is lit, then normal light",
+        "no events without light, then those of ln(light), one by one; one warning reports that "
         "nothing is lit",
         _no_light,
     ),
     StressCase(
         "denormal-light",
         "light",
-        "light of 1e-45 ... 1e-38, denormal float32, changing every ms; then light as usual",
-        "no event: log light is linear below e DN, so they are 1e-36 of a threshold; then those of "
-        "ln(light), one by one",
+        "light of 1e-45 ... 1e-38, denormal float32, changing every ms, then normal light",
+        "no events: log light is linear below e DN, so the changes are 1e-36 of a threshold; then "
+        "the events of ln(light), one by one",
         _denormal,
     ),
     StressCase(
         "fifteen-decades",
         "light",
-        "1e-6 ... 1e9 lux (white of 1e-9 ... 1e6) side by side in a picture that moves a decade a "
-        "ms, there and back",
-        "ln(10) / threshold = 11.5 events a decade: each pixel's count in each tick is that of the "
-        "exact logarithm",
+        "1e-6 ... 1e9 lux (white of 1e-9 ... 1e6) side by side in a picture that moves by a "
+        "decade per ms, back and forth",
+        "ln(10) / threshold = 11.5 events per decade: each pixel's count in each tick is that of "
+        "the exact logarithm",
         _decades,
     ),
     StressCase(
         "black-to-sun",
         "light",
         "from no light to the sun's disc (1.6e9 cd/m2) on every pixel in one tick, and back",
-        "floor(ln(DN) / threshold) = 104 events of each pixel inside the tick, as many back; then "
-        "light as usual event by event",
+        "floor(ln(DN) / threshold) = 104 events of each pixel within the tick, and as many on the "
+        "way back; then normal light, event by event",
         _black_to_sun,
     ),
     StressCase(
         "sun-in-view",
         "light",
         "the sun's disc (1.6e9 cd/m2, 0.53 degrees, 1.6 px wide) crosses a lit scene",
-        "pixels beside its way give the bytes of a film without it; those in it the events of "
-        "ln(light), one by one; its middle has its whole light; then the picture is as before",
+        "pixels off its path give the same bytes as a film without it; those on its path give the "
+        "events of ln(light), one by one; its centre has its full light; then the picture is as "
+        "before",
         _sun_disc,
     ),
     StressCase(
         "strobe-10-khz",
         "light",
         "a lamp switched at 10 kHz, dark between its pulses, ticks of 1 ms",
-        "no event: a tick's light is the mean over 10 whole pulses; a warning names the lamp and "
-        "the tick that would show it; then a shutter, event by event",
+        "no events: the light of a tick is the mean over 10 whole pulses; a warning names the "
+        "lamp and the tick that would show it; then a shutter, event by event",
         _strobe,
     ),
     StressCase(
         "strobe-aliased",
         "light",
-        "a lamp switched at 640 Hz, ticks of 1 ms: what is left of it beats with the ticks",
+        "a lamp switched at 640 Hz, ticks of 1 ms: the remainder beats with the ticks",
         "the events of the waveform's integral over each tick, one by one, and the same warning",
         _strobe_beats,
     ),
     StressCase(
         "strobe-followed",
         "light",
-        "the 10 kHz lamp in ticks of 25 us, four a pulse",
+        "the 10 kHz lamp in ticks of 25 us, four per pulse",
         "the events of the waveform's integral over each tick, one by one, no warning",
         _strobe_seen,
     ),
     StressCase(
         "mains",
         "light",
-        "a lamp on 50 Hz mains, light that swings by 30 % a hundred times a second",
+        "a lamp on 50 Hz mains, whose light swings by 30 % a hundred times per second",
         "the events of the waveform's integral over each tick, one by one, no warning",
         _mains,
     ),
     StressCase(
         "mains-slow-ticks",
         "light",
-        "the same lamp in ticks of 10 ms, one a pulse",
-        "no event, a warning that gives the tick to take; then a shutter, event by event",
+        "the same lamp in ticks of 10 ms, one per pulse",
+        "no events, a warning that recommends a tick; then a shutter, event by event",
         _mains_slow_ticks,
     ),
     StressCase(
         "bad-material",
         "light",
         "NaN, infinite and negative numbers in materials and lights",
-        "each is refused in one line that names it; a negative one is shown as 0, as MuJoCo's "
-        "viewer does",
+        "each is rejected in one line that names it; a negative one is shown as 0, as in MuJoCo's "
+        "viewer",
         _bad_material,
     ),
     StressCase(
@@ -395,7 +396,7 @@ CASES = (
         "light",
         "a renderer that gives NaN, infinite, negative or far too large light for a while",
         "each is replaced by the pixel's last light and counted, one by one; one warning; the "
-        "events are those of a film in which nothing broke",
+        "events are those of a film without faults",
         _broken_renderer,
     ),
 )

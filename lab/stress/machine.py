@@ -313,24 +313,24 @@ CASES = (
     StressCase(
         "threads",
         "machine",
-        "one thread, two, and four for each core and one more",
+        "one thread, two threads, and four per core plus one",
         "the same bytes",
         _threads,
     ),
     StressCase(
         "no-avx",
         "machine",
-        "no AVX: renderers, pixels and network on the portable path; NumPy and the C library "
-        "without it too",
+        "no AVX: renderers, pixels and network on the portable path; NumPy and the C library also "
+        "without it",
         "the same bytes as on the fastest instruction set",
         _portable,
     ),
     StressCase(
         "stolen-time",
         "machine",
-        "sixteen busy processes on the core of a run that is held to a third of its speed",
-        "the same events as undisturbed; a warning and the report tell by how much time slipped; "
-        "when they are gone it catches up",
+        "sixteen busy processes on the core of a run that is limited to a third of its speed",
+        "the same events as undisturbed; a warning and the report state by how much time slipped; "
+        "when the processes are gone, it catches up",
         _stolen,
     ),
     StressCase(
@@ -338,15 +338,15 @@ CASES = (
         "machine",
         "the clock of a paced run jumps an hour ahead, then two hours back",
         "no wait is longer than a tick (2 ms at half speed), and the events are the same; both "
-        "jumps are told",
+        "jumps are reported",
         _jumps,
     ),
     StressCase(
         "memory-limit",
         "machine",
-        "a burst of 600 MB of events where 300 MB are left; starts with 10, 170, 225 and 240 MB",
+        "a burst of 600 MB of events with 300 MB left; starts with 10, 170, 225 and 240 MB",
         "one line, exit code 2; every event that the recorder counted is read back, and those "
-        "before the burst are those of a run without a limit",
+        "before the burst equal those of a run without a limit",
         _memory,
     ),
     StressCase(
@@ -354,8 +354,8 @@ CASES = (
         "machine",
         "a recording on a disk with 64 kB of room (real ones: "
         "tests/drivers/files/test_*_full_disk.py)",
-        "every event that the recorder counted is read back; one line says when it stopped, exit "
-        "code 2; the camera and the bus go on",
+        "every event that the recorder counted is read back; one line reports when it stopped, "
+        "exit code 2; the camera and the bus continue",
         _disk,
     ),
 )

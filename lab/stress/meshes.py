@@ -203,33 +203,33 @@ CASES = (
     StressCase(
         "a-million-triangles",
         "motion",
-        "a cube of 1,002,252 triangles moves through the picture",
-        "the light of a box but for samples that rounding puts beside an edge, under 1e-3 of the "
-        "pixels; the events are those of ln(light), one by one",
+        "a cube with 1,002,252 triangles moves through the picture",
+        "the light of a box, except for samples that rounding moves across an edge, under 1e-3 of "
+        "the pixels; the events are those of ln(light), one by one",
         _triangles,
     ),
     StressCase(
         "degenerate-meshes",
         "motion",
         "a cube with triangles that are points and lines; with every triangle twice and every "
-        "corner six times; with vertices far off that nothing uses",
-        "the light of the cube but for samples that rounding puts beside an edge, under 1e-3 of "
-        "the pixels; the events are those of ln(light), one by one",
+        "corner six times; with distant vertices that nothing uses",
+        "the light of the cube, except for samples that rounding moves across an edge, under 1e-3 "
+        "of the pixels; the events are those of ln(light), one by one",
         _degenerate,
     ),
     StressCase(
         "flat-mesh",
         "motion",
-        "a mesh without thickness beside a box of 2 um at 5 m",
-        "the same light but for samples that rounding puts beside an edge, under 1e-3 of the "
+        "a mesh without thickness, compared with a box of 2 um, at 5 m",
+        "the same light, except for samples that rounding moves across an edge, under 1e-3 of the "
         "pixels; the events are those of ln(light), one by one",
         _sheet,
     ),
     StressCase(
         "meshes-of-no-numbers",
         "motion",
-        "NaN and infinite vertices of a mesh and heights of a height field",
-        "each is refused in one line that names it",
+        "NaN and infinite vertices in a mesh and heights in a height field",
+        "each is rejected in one line that names it",
         _no_numbers,
     ),
 )

@@ -255,46 +255,47 @@ CASES = (
         "speeds",
         "motion",
         "an edge at 1e-6, 1e-3, 1, 1e3 and 1e6 px/s, ticks of 10 us ... 250 s",
-        "floor(ln(bright / dim) / threshold) = 8 events of each pixel, each within a tick and a "
-        "64th of a pixel's passage of its time in closed form",
+        "floor(ln(bright / dim) / threshold) = 8 events of each pixel, each within a tick plus a "
+        "64th of a pixel's passage of its closed-form time",
         _speeds,
     ),
     StressCase(
         "camera-inside",
         "motion",
-        "a sphere, a box, a capsule, a cylinder and an ellipsoid go through the camera",
-        "a closed shape around the camera is not seen: then the picture is, to the bit, the one "
+        "a sphere, a box, a capsule, a cylinder and an ellipsoid pass through the camera",
+        "a closed shape around the camera is invisible: the picture is then, to the bit, the one "
         "without it; the events are those of ln(light), one by one",
         _inside,
     ),
     StressCase(
         "teleport",
         "motion",
-        "a box is 1 km, then 1e9 m away every other tick, and back where it was",
-        "the events of ln(light), one by one; back in its place the picture is the first to the "
-        "bit and each pixel's events add up to nothing",
+        "every other tick, a box is 1 km and then 1e9 m away, and then back in its place",
+        "the events of ln(light), one by one; once it is back, the picture equals the first to "
+        "the bit and each pixel's events add up to zero",
         _teleport,
     ),
     StressCase(
         "exploding-physics",
         "motion",
         "a force of 1e14 N on a cart",
-        "the run ends with one line that names time, joint and body; the recording has every event "
-        "until then; after a reset the world gives the same bytes again",
+        "the run ends with one line that names time, joint and body; the recording has every "
+        "event up to that time; after a reset the world gives the same bytes again",
         _explosion,
     ),
     StressCase(
         "no-bodies",
         "motion",
-        "a world of one still geom and no body; a world of nothing",
-        "no event in the first; the second is refused in one line that says what to do",
+        "a world with one still geom and no bodies; an empty world",
+        "no events in the first; the second is rejected in one line that states what to do",
         _no_bodies,
     ),
     StressCase(
         "ten-thousand-bodies",
         "motion",
-        "10,000 balls, each on a joint of its own, roll through the picture",
-        "the bytes of one body that carries all the balls: places are sums without rounding",
+        "10,000 balls, each on its own joint, roll through the picture",
+        "the same bytes as with one body that carries all the balls: positions are sums without "
+        "rounding",
         _many_bodies,
     ),
     *meshes.CASES,
@@ -302,8 +303,9 @@ CASES = (
         "world-scales",
         "motion",
         "the same scene at 1e-6, 1e-3, 1e3 and 1e6 times its size",
-        "the same light but where a sample is as near to an edge, and the same events in the same "
-        "ticks but where a crossing is as near to a tick's end, as float32 rounds: under 1e-3",
+        "the same light, and the same events in the same ticks, except where a sample lies as "
+        "close to an edge, or a crossing as close to the end of a tick, as float32 rounds: under "
+        "1e-3",
         _scales,
     ),
 )

@@ -227,22 +227,23 @@ CASES = (
         "tau-shortest",
         "network",
         "time constants of 1e-6 and 1e-300 s, ticks of 1 ms, steps of 1.1 and of 0.9 thresholds",
-        "an event for each step of 1.1, none for 0.9: e^-1000 is nothing",
+        "an event for each step of 1.1, none for 0.9: e^-1000 is zero",
         _forgetful,
     ),
     StressCase(
         "tau-longest",
         "network",
         "a time constant of 15.1 s, the longest for ticks of 1 ms, and waits up to 2^20 ticks",
-        "V is V e^(-t / tau) but for 4.5 roundings of 2^-24; a longer tau is refused in a line",
+        "V becomes V e^(-t / tau) to within 4.5 roundings of 2^-24; a longer tau is rejected in "
+        "one line",
         _long_memory,
     ),
     StressCase(
         "quiet-1e9-ticks",
         "network",
         "a billion quiet ticks (11.6 days) between two steps of light",
-        "V is V e^(-t / tau) but for 4.5 roundings of 2^-24; ticks that are run leave the same "
-        "bits as ticks that are skipped",
+        "V becomes V e^(-t / tau) to within 4.5 roundings of 2^-24; executed ticks leave the same "
+        "bits as skipped ticks",
         _quiet,
     ),
     StressCase(

@@ -77,10 +77,7 @@ def _blind(short: bool) -> Measurement:
     )
 
 
-_PIXEL = (
-    "what a pixel has told, its thresholds times its events, is within one threshold of the "
-    "light's change"
-)
+_PIXEL = "a pixel's thresholds times its events are within one threshold of the change in its light"
 
 
 def _slow(short: bool) -> Measurement:
@@ -237,64 +234,70 @@ def _plain(width: int, height: int) -> Callable[[bool], Measurement]:
 
 
 _TOLD = (
-    "every pixel, the last one too, tells the light's change but for less than a threshold (at 1 "
-    "there is one more event), and the same again backwards"
+    "every pixel, including the last one, reports the change in light to within a threshold (at 1 "
+    "there is one more event), and again in reverse"
 )
 
 CASES = (
     StressCase(
         "threshold-0.001",
         "sensor",
-        "thresholds of 0.001, 5,500 events a pixel from white to black",
-        f"{_PIXEL} (and 2^-19, two logarithms' rounding); drawn back, as many ON as OFF",
+        "thresholds of 0.001, 5,500 events per pixel from white to black",
+        f"{_PIXEL} (plus 2^-19, rounding of two logarithms); on the way back, as many ON as OFF",
         _low,
     ),
     StressCase(
         "threshold-10",
         "sensor",
         "thresholds of 10 under a contrast of e^20.7",
-        f"{_PIXEL}; drawn back, as many ON as OFF",
+        f"{_PIXEL}; on the way back, as many ON as OFF",
         _high,
     ),
     StressCase(
         "sigma-over-theta",
         "sensor",
         "thresholds of 0.5 with a spread of 0.6",
-        f"none below 0.01, and {_PIXEL}, its own; a warning says how many are at the floor",
+        f"none below 0.01; {_PIXEL}, its own; a warning reports how many are at the floor",
         _spread,
     ),
     StressCase(
         "refractory-beyond-run",
         "sensor",
         "pixels that are blind for 100 s after an event",
-        "one event a pixel at most, and a warning; one that is blind for less sees again after it",
+        "at most one event per pixel, and a warning; a pixel that is blind for less time sees "
+        "again afterwards",
         _blind,
     ),
     StressCase(
         "cutoff-0.01-hz",
         "sensor",
         "a photoreceptor with a bandwidth of 0.01 Hz goes dark",
-        "events of a pixel: log(255) (1 - e^(-2 pi f t)) / theta, less than 1 away, and half of "
-        "those of the tick in which it goes dark; a warning; after 20 time constants all is told",
+        "events of a pixel: log(255) (1 - e^(-2 pi f t)) / theta, to within 1 and half of the "
+        "events of the tick in which it goes dark; a warning; after 20 time constants, all events "
+        "have occurred",
         _slow,
     ),
     StressCase(
         "cutoff-1-mhz",
         "sensor",
-        "a bandwidth of 1 MHz beside none",
-        "the same events, late by the pole's 1 / (2 pi f) in the dark, and 1 us: stamps are whole",
+        "a bandwidth of 1 MHz, compared with no limit",
+        "the same events, late by the pole's 1 / (2 pi f) in the dark, plus 1 us, because stamps "
+        "are whole",
         _fast,
     ),
     StressCase(
         "every-pixel-every-tick",
         "sensor",
-        "the whole picture black and white in turn, tick by tick, through a DAVIS346's readout",
-        "events made = read out + dropped (counted by cause) + waiting; no more than 12 Mev/s out; "
-        "what comes afterwards is read out whole",
+        "the whole picture alternates between black and white, tick by tick, through a DAVIS346's "
+        "readout",
+        "events made = read out + dropped (counted by cause) + waiting; at most 12 Mev/s are read "
+        "out; later events are all read out",
         _saturated,
     ),
-    StressCase("size-1x1", "sensor", "a sensor of one pixel", _TOLD, _plain(1, 1)),
-    StressCase("size-1x4096", "sensor", "a sensor of one column of 4096", _TOLD, _plain(1, 4096)),
+    StressCase("size-1x1", "sensor", "a sensor with one pixel", _TOLD, _plain(1, 1)),
+    StressCase(
+        "size-1x4096", "sensor", "a sensor with one column of 4096 pixels", _TOLD, _plain(1, 4096)
+    ),
     StressCase(
         "size-4096x4096",
         "sensor",
@@ -305,9 +308,10 @@ CASES = (
     StressCase(
         "evsnet-4096x4096",
         "sensor",
-        "the network on as many, all moving, with less memory than its state has",
-        "refused in one line with the memory that it needs, 4 x 6 bytes a pixel and input, to the "
-        "3 digits that it gives; then a small one runs",
+        "the network on the same number of pixels, all moving, with less memory than its state "
+        "needs",
+        "rejected in one line that states the required memory, 4 x 6 bytes per pixel and input, "
+        "to 3 digits; then a small one runs",
         _network,
     ),
 )

@@ -276,8 +276,8 @@ CASES = (
         "tick-lengths",
         "time",
         "an edge at 100 px/s in ticks of 10 us, 100 us, 1 ms, 10 ms and 100 ms",
-        "the same 8 events of each pixel, each within a tick and a 64th of a pixel's passage of "
-        "its time in closed form",
+        "the same 8 events of each pixel, each within a tick plus a 64th of a pixel's passage of "
+        "its closed-form time",
         _ticks,
     ),
     StressCase(
@@ -285,24 +285,25 @@ CASES = (
         "time",
         "24 h of stream time in a run loop (ticks of 1 s); an EventCamera whose clock begins a day "
         "late, at 2^31 us, 2^32 us and a Unix time",
-        "every hour has the bytes of the second, and as many events as the closed form; nothing is "
-        "kept per tick (16 bytes would be seen); late clocks change the stamps alone",
+        "every hour has the same bytes as the second, and as many events as the closed form; "
+        "nothing is kept per tick (16 bytes would be noticed); late clocks change only the stamps",
         _day,
     ),
     StressCase(
         "start-times",
         "time",
-        "scene.start_us of 2^31 us, 2^32 us, a Unix time and the year 2112, into every format, "
-        "over the player and the bus",
+        "scene.start_us of 2^31 us, 2^32 us, a Unix time and the year 2112, written to every "
+        "format, through the player and the bus",
         "the same events, that much later, to the microsecond",
         _starts,
     ),
     StressCase(
         "a-million-resets",
         "time",
-        "1,000,000 resets of a world with a noisy camera, each 1000th with another seed and ticks",
-        "the bytes of a new world's episode each time, stamps and numbers of packets from the "
-        "begin; nothing is kept per reset (16 bytes would be seen)",
+        "1,000,000 resets of a world with a noisy camera, every 1000th with a different seed and "
+        "ticks",
+        "the same bytes as an episode of a new world each time, with stamps and packet numbers "
+        "from the beginning; nothing is kept per reset (16 bytes would be noticed)",
         _resets,
     ),
 )

@@ -31,7 +31,7 @@ COLOURS: dict[str, RGB] = dict(
 
 PEERS: dict[str, tuple[str, RGB, str]] = {
     FRAMES: ("s", (110, 110, 110), "frames first, then events"),
-    PAPER_KIND: ("D", (190, 30, 60), "the paper's way"),
+    PAPER_KIND: ("D", (190, 30, 60), "the paper's pipeline"),
 }
 """kind -> mark, colour, words"""
 

@@ -179,7 +179,7 @@ def judged(case: Case, events: Events) -> tuple[list[str], U8]:
     return [f"{rate:.1f}", *cells], shown(fits[middle].picture, case.truth[middle])
 
 
-TABLES = ["events a pixel and second", "correlation", "SSIM", "MSE", "error of the high pass"]
+TABLES = ["events per pixel and second", "correlation", "SSIM", "MSE", "error of the high pass"]
 TABLES += [f"correlation, cutoff {cutoff:g}/s" for cutoff in OTHERS_RAD_S]
 TABLES += [f"correlation, floor {DARK_DN:.2g} DN"]
 

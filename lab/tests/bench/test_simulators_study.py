@@ -212,7 +212,7 @@ FULL = 5
 """events of a pixel that are drawn in full colour"""
 
 COLUMNS = [
-    "events a pixel and second",
+    "events per pixel and second",
     f"voxels with {MANY} or more, %",
     "total variation",
     "earth mover, events",
