@@ -335,17 +335,17 @@ def _surfaces(has: Contents, render: RenderConfig) -> dict[str, Why]:
         ),
         "transparent": Why(
             f"surfaces that are: {has.transparent}",
-            "no surface is transparent" if path else f"{of_paths}: direct looks at each pixel",
+            "no surface is transparent" if path else f"{of_paths}: direct decides for each pixel",
         ),
         "refits": Why(
             "a skin or flex changed its shape",
-            "no skin or flex moves" if has.deforming else "the scene has no skin and no flex",
+            "no skins or flexes move" if has.deforming else "the scene has no skins or flexes",
         ),
     }
 
 
 def _air(has: Contents, render: RenderConfig) -> dict[str, Why]:
-    without = "no plane without bounds" if has.sky else "no sky"
+    without = "no infinite plane" if has.sky else "no sky"
     haze = "render.haze=false" if not render.haze else f"there is {without} and so no horizon"
     if has.haze:
         haze = "the camera sees no horizon"
@@ -353,7 +353,7 @@ def _air(has: Contents, render: RenderConfig) -> dict[str, Why]:
     return {
         "sky": Why(f"the model has a sky: {sky}", "the model has no sky"),
         "fog": Why("render.fog=true", "render.fog=false"),
-        "haze": Why("a sky, and a plane without bounds", haze),
+        "haze": Why("a sky and an infinite plane", haze),
     }
 
 
@@ -363,14 +363,16 @@ def _light(has: Contents, mobility: Mobility, render: RenderConfig) -> dict[str,
     geoms = sum(has.geoms.values())
     bent = "camera.distortion_model"
     retrace = "render.incremental=false" if row.traced else "OpenGL draws it"
-    kept = f"{'samples' if row.paths else 'pixels'} that nothing that moved can touch are kept"
+    kept = f"{'samples' if row.paths else 'pixels'} that no motion can affect are kept"
     if row.caches_light:
-        kept = "pixels that nothing that moved can touch only read the cache"
+        kept = "pixels that no motion can affect only read the cache"
     if mobility.camera_moves:
         kept += f", while the camera rests ({mobility.camera_moves})"
     return {
         "colour": Why(
-            "light goes from surface to surface" if row.paths else f"lights not grey: {coloured}",
+            "light travels from surface to surface"
+            if row.paths
+            else f"lights not grey: {coloured}",
             "every light is grey: luminance is enough",
         ),
         "shadows": Why(
@@ -386,7 +388,7 @@ def _light(has: Contents, mobility: Mobility, render: RenderConfig) -> dict[str,
         "hierarchy": Why(f"geoms: {geoms}", f"geoms: {geoms}; it needs {SCANNED + 1} to 65,536"),
         "light_reach": Why(
             f"lights with a cone or a range: {has.bounded}",
-            f"few lights with a cone or a range: {has.bounded}",
+            f"too few lights with a cone or a range: {has.bounded}",
         ),
         "cached_light": Why(
             "up to 96 ticks old; gloss reflects what a diffuse surface would; lamps are points",
@@ -425,12 +427,12 @@ def _readout(sensor: SensorParameters) -> str:
 def _beside(sensor: SensorParameters, model: ModelConfig) -> dict[str, Why]:
     labels = "model.labels=true"
     return {
-        "ground_truth": Why(labels, "traced when a listener asks"),
+        "ground_truth": Why(labels, "traced when a subscriber requests it"),
         "causes": Why(labels, "model.labels=false"),
         "running_mean": Why(f"model {model.name}", f"model {model.name}"),
         "cold_tiles": Why(
             "the network has a bias" if model.runtime == "native" else f"runtime {model.runtime}",
-            "tiles where nothing moves are left out",
+            "tiles in which nothing moves are skipped",
         ),
         "readout": Why(_readout(sensor), "every event passes at its own time"),
         "aps": Why("sensor.aps.enabled=true", "sensor.aps.enabled=false"),

@@ -92,7 +92,7 @@ WHITE_DN = 255.0
 BRIGHTEST_DN = 20.0 * WHITE_DN
 """of a whole picture on average: more is probably another unit"""
 
-ROUNDS = "it would round the light once more"
+ROUNDS = "it would round the light one more time"
 
 DEFECTS = Term("defects", "hot and dead pixels")
 
@@ -273,7 +273,7 @@ class PixelKeys(Generic[Unset]):
         term=Term(
             "photon_noise",
             "noise of the photocurrent in front of the comparators",
-            "without a photocurrent it has no strength",
+            "without a photocurrent its strength is undefined",
         ),
     )
     photon_noise_factor: float | Unset = parameter(

@@ -41,7 +41,7 @@ def evaluation_page(found: Evaluation) -> U8:
     scenes = len(dict.fromkeys(clip.scene for clip in found.clips))
     description = (
         f"{scenes} scene{'s' if scenes > 1 else ''}: mean, bars: standard deviation; "
-        f"against events of {found.settings.get('reference_spp')} samples a pixel"
+        f"against events of {found.settings.get('reference_spp')} samples per pixel"
     )
     return draw_charts(charts, 2, CHART_PX, "Event models on light of few samples", description)
 
@@ -95,8 +95,8 @@ def _emd(rows: Sequence[ResultRow], camera: str, seeds: str, colours: dict[str, 
     ]
     seen = [y for one in series for y in one.y] + [level for level, _ in marks]
     low, high = decades_around(seen)
-    title = f"EMD, events a pixel: camera {camera}, {seeds} samples"
-    return Chart(title, _x(rows), Scale(low, high, log=True), "samples a pixel", series, marks)
+    title = f"EMD, events per pixel: camera {camera}, {seeds} samples"
+    return Chart(title, _x(rows), Scale(low, high, log=True), "samples per pixel", series, marks)
 
 
 def _recall(rows: Sequence[ResultRow], camera: str, seeds: str, colours: dict[str, RGB]) -> Chart:
@@ -107,7 +107,7 @@ def _recall(rows: Sequence[ResultRow], camera: str, seeds: str, colours: dict[st
         title,
         _x(rows),
         Scale(0.0, 1.0),
-        "samples a pixel",
+        "samples per pixel",
         series,
         empty="" if some else "nothing happens",
     )

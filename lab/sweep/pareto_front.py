@@ -58,7 +58,7 @@ ERROR_METRICS = {
         ),
         ErrorMetric(
             "emd",
-            "EMD, events a pixel",
+            "EMD, events per pixel",
             lambda error: error.emd,
             lambda error: 0.5 * error.emd_reference,
         ),

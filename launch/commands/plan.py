@@ -126,7 +126,7 @@ def _contents(planned: PipelinePlan, contents: dict[str, Any]) -> list[tuple[str
     view = planned.plan.view
     size = f"{view['width']} x {view['height']} px, {view['projection']}"
     rows.append(("sensor", f"{planned.sensor}, {size}"))
-    rows.append(("renderer", f"{planned.renderer}, samples a pixel: {view['samples']}"))
+    rows.append(("renderer", f"{planned.renderer}, samples per pixel: {view['samples']}"))
     if "camera_rays" in view:
         rays = f"{view['camera_rays']:,} from the camera, at most {view['shadow_rays']:,} to lights"
         rows.append(("rays", f"of a full picture: {rays}"))

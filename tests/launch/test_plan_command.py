@@ -46,7 +46,7 @@ def test_the_keys_of_emulate_change_it(capsys: pytest.CaptureFixture[str]) -> No
     found = planned(capsys, *words, "model.chunk=8", "sensor.imu.enabled=true")
     assert (found["renderer"], found["model"], found["sinks"]) == ("path", "evsnet", ["zmq"])
     assert {"colour", "physical_gloss", "imu"} <= {*found["plan"]["on"]}
-    assert found["plan"]["off"]["cold_tiles"] == "tiles where nothing moves are left out"
+    assert found["plan"]["off"]["cold_tiles"] == "tiles in which nothing moves are skipped"
     assert "leak" not in [*found["plan"]["on"], *found["plan"]["off"]]
 
 

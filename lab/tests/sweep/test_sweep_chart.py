@@ -192,5 +192,5 @@ def test_each_scene_has_a_file_of_its_own() -> None:
 
 def test_the_legend_says_what_the_line_is() -> None:
     assert legend(ERROR_METRICS["emd"]).startswith(
-        "error: EMD, events a pixel; line: the front; bars"
+        "error: EMD, events per pixel; line: the front; bars"
     )
