@@ -80,7 +80,7 @@ def test_paths_are_those_of_the_cpu(
 
 
 @pytest.mark.parametrize("antialiasing", ["fixed", "adaptive"])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
 def test_soft_light_is_that_of_the_cpu(
     device: StandInGpu | None, seed: int, antialiasing: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

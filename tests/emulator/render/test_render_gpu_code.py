@@ -20,6 +20,7 @@ def test_instructions_are_those_of_a_cpu(kernel: str, architecture: int) -> None
     assert faults(ptx) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("architecture", "channels", "kernel"),
     [
@@ -38,12 +39,14 @@ def test_those_of_direct_are_too(architecture: int, channels: int, kernel: str) 
     assert faults(ptx) == []
 
 
+@pytest.mark.slow
 def test_those_of_path_are_too() -> None:
     ptx = compiled("path", "compute_80").decode()
     assert ".entry add_samples" in ptx
     assert faults(ptx) == []
 
 
+@pytest.mark.slow
 def test_those_of_hybrid_are_too() -> None:
     ptx = compiled("hybrid", "compute_75", {"EVS_CHANNELS": 1, "EVS_ADAPTIVE": 0}).decode()
     assert ".entry offer_readers" in ptx

@@ -16,8 +16,16 @@ DAVIS = {"EVS_RUNNING_MEAN": 0, "EVS_PHOTON_NOISE": 0, "EVS_SHOT_NOISE": 1, "EVS
     [
         (75, {**DAVIS, "EVS_FILTER": 2}),
         (80, {**DAVIS, "EVS_FILTER": 0, "EVS_MANY": 1}),
-        (120, {**DAVIS, "EVS_LOG": 1, "EVS_FILTER": 1, "EVS_RUNNING_MEAN": 1}),
-        (90, {"EVS_PHOTON_NOISE": 1, "EVS_RUNNING_MEAN": 0, "EVS_LOG": 2, "EVS_FILTER": 0}),
+        pytest.param(
+            120,
+            {**DAVIS, "EVS_LOG": 1, "EVS_FILTER": 1, "EVS_RUNNING_MEAN": 1},
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            90,
+            {"EVS_PHOTON_NOISE": 1, "EVS_RUNNING_MEAN": 0, "EVS_LOG": 2, "EVS_FILTER": 0},
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=["davis", "many", "euler", "photons"],
 )

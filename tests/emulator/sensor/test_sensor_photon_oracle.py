@@ -51,7 +51,7 @@ def films(ticks: int) -> Iterator[tuple[str, list[F32]]]:
     yield "wild", [random.choice(light, size=(HEIGHT, WIDTH)) for _ in range(ticks // 4)]
 
 
-@pytest.mark.parametrize("tick_us", [50, 1000, 20_000])
+@pytest.mark.parametrize("tick_us", [50, 1000, pytest.param(20_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("terms", TERMS.values(), ids=TERMS)
 def test_native_is_the_oracle(terms: dict[str, Any], tick_us: int) -> None:
     sensor, events = replace(SENSOR, **terms), 0
