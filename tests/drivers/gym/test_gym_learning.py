@@ -10,7 +10,7 @@ from evs.drivers.gym import cross_entropy
 
 pytestmark = [pytest.mark.slow, pytest.mark.statistical]
 
-EVALUATED = range(1000, 1016)
+EVALUATED = range(1000, 1008)
 """Seeds of episodes that the learner never saw."""
 
 
@@ -25,22 +25,22 @@ def env() -> gymnasium.Env:
 def test_cross_entropy_learns_to_balance_from_events_alone(env: gymnasium.Env, seed: int) -> None:
     # nothing else than an array of events reaches it
     assert env.observation_space.shape == (2, 64, 64)
-    learnt = cross_entropy.learn(env, seed)
+    learnt = cross_entropy.learn(env, seed, generations=4, population=12, best=3)
     before = np.array([_return(env, np.zeros_like(learnt.weights), one) for one in EVALUATED])
     after = np.array([_return(env, learnt.weights, one) for one in EVALUATED])
-    # paired by episode; Student's t of 15 degrees of freedom is over 4.07 by chance once in 2000
-    assert _t(after - before) > 4.07
+    # paired by episode; Student's t of 7 degrees of freedom is over 5.41 by chance once in 2000
+    assert _t(after - before) > 5.41
     # the policies of the last generation against those of the first, drawn blindly
     first, last = learnt.returns[0], learnt.returns[-1]
     spread = np.sqrt(first.var(ddof=1) / len(first) + last.var(ddof=1) / len(last))
-    # Welch's t of some 15 degrees of freedom is over 2.6 by chance once in 100
-    assert (last.mean() - first.mean()) / spread > 2.6
+    # Welch's t of some 11 degrees of freedom is over 2.72 by chance once in 100
+    assert (last.mean() - first.mean()) / spread > 2.72
     # it stands to the end of nearly every episode: 2 s are 200 steps, without control some 90
     assert after.mean() > 180 > 120 > before.mean()
 
 
 def test_the_same_seed_learns_the_same(env: gymnasium.Env) -> None:
-    options = {"generations": 2, "population": 4, "best": 2}
+    options = {"generations": 2, "population": 2, "best": 1}
     one, other = (cross_entropy.learn(env, 3, **options) for _ in range(2))
     assert np.array_equal(one.weights, other.weights)
     assert np.array_equal(one.returns, other.returns)

@@ -53,7 +53,7 @@ THRESHOLDS_ONLY = st.builds(
 )
 WHOLE_PIXELS = st.builds(
     with_a_log_of_black,
-    **THRESHOLDS | {"width": st.integers(1, 45), "height": st.integers(1, 5)},
+    **THRESHOLDS | {"width": st.integers(1, 35), "height": st.integers(1, 3)},
     white_lux=st.floats(1.0, 1e5),
     dark_lux=st.just(0.0) | st.floats(1e-6, 1e3),
     cutoff_hz=rate(1e7),

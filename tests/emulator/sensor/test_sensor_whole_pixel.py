@@ -123,7 +123,7 @@ def test_a_leaking_reference_comes_within_reach_of_a_high_pass() -> None:
 
 
 @pytest.mark.parametrize("average", [None, RunningMeanConstants()], ids=["plain", "adaptive"])
-@pytest.mark.parametrize("tick_us", [1, 2047, 100_000])
+@pytest.mark.parametrize("tick_us", [1, 2047, 50_000])
 @pytest.mark.parametrize("sensor", [ALL_TERMS, SILICON], ids=["linear", "silicon"])
 def test_all_terms_in_ticks_of_any_length(
     tick_us: int, average: RunningMeanConstants | None, sensor: SensorParameters
@@ -138,11 +138,11 @@ def test_all_terms_in_ticks_of_any_length(
 
 def test_ticks_of_four_minutes() -> None:
     sensor = replace(
-        ALL_TERMS, leak_rate_hz=0.02, parasitic_leak_hz=0.02, shot_noise_rate_hz=0.05,
-        hot_leak_median_hz=0.1, hot_leak_cov_decades=0.6, cutoff_hz=1e7,
+        ALL_TERMS, leak_rate_hz=0.01, parasitic_leak_hz=0.01, shot_noise_rate_hz=0.025,
+        hot_leak_median_hz=0.05, hot_leak_cov_decades=0.6, cutoff_hz=1e7,
     )  # fmt: skip
     events, causes, _ = both(sensor, steps(0.1, 0.1, 0.5, 0.5), MAX_TICK_US)
-    assert len(events) > 5000
+    assert len(events) > 2500
     assert set(causes.tolist()) == {1, 2, 3, 4}
 
 
