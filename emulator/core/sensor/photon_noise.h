@@ -251,18 +251,17 @@ struct NoiseStep {
 };
 
 // In: the poles of photoreceptor and follower, 1 / us; 0: there is none.
-inline NoiseBand noise_band(double photoreceptor, double follower, double scale, double dn) {
+EVS_ALWAYS_INLINE NoiseBand noise_band(double photoreceptor, double follower, double scale,
+                                       double dn) {
+  const bool both = (photoreceptor > 0.0) & (follower > 0.0);
+  const double slower = select(photoreceptor < follower, photoreceptor, follower);
+  const double faster = select(photoreceptor < follower, follower, photoreceptor);
+  const double slow = select(both, slower, faster);
+  const double decay = photoreceptor * follower / (photoreceptor + follower);
   NoiseBand band;
-  if (photoreceptor > 0.0 && follower > 0.0) {
-    band.slow = photoreceptor < follower ? photoreceptor : follower;
-    const double fast = photoreceptor < follower ? follower : photoreceptor;
-    band.decay = photoreceptor * follower / (photoreceptor + follower);
-    band.shift = level_shift(band.slow, fast);
-  } else {
-    band.slow = photoreceptor > 0.0 ? photoreceptor : follower;
-    band.decay = band.slow;
-    band.shift = 0.0;
-  }
+  band.slow = slow;
+  band.decay = select(both, decay, slow);
+  band.shift = select(both, level_shift(slower, faster), 0.0);
   band.sigma = std::sqrt(scale * band.decay / dn);
   return band;
 }
@@ -306,9 +305,20 @@ struct NoiseDraws {
   }
 };
 
+// The rate of first passages of a still pixel, and the loss of an ON level that its leak moves, as
+// its budget counts them. In: the levels, deviations.
+inline double still_rate(double slow, double shift, double on, double off) {
+  const double both =
+      slow * PASSAGE_TABLE.rate_at(shift, on) + slow * PASSAGE_TABLE.rate_at(shift, off);
+  return on_budget_grid(std::min(both, 1.0));
+}
+inline double still_loss(double leak, double on) {
+  return leak == 0.0 ? 0.0 : on_budget_grid(PASSAGE_TABLE.loss_at(on));
+}
+
 // One pixel whose signal stands still and whose noise has no memory: its hazard from one us to
 // another, in exact steps, so that it does not depend on how time is divided. The leak moves the ON
-// level; the hazard is that of the middle of a cell of 2^exponent us, in which it moves little.
+// level; the hazard is that of the middle of a cell of time, in which it moves little.
 struct StillNoise {
   NoiseBand band;
   double signal;
@@ -316,59 +326,64 @@ struct StillNoise {
   double theta_off;
   double leak;       // log units per us
   double reference;  // at from_us
-  int64_t from_us;
-  int exponent = 20;
+  double from_us;
+  double cell_us;  // a power of 2
 
-  StillNoise(const NoiseBand& at_light, double s, double on, double off, double leak_us, double r,
-             int64_t begin_us)
+  EVS_ALWAYS_INLINE StillNoise(const NoiseBand& at_light, double s, double on, double off,
+                               double leak_us, double r, int64_t begin_us)
       : band(at_light),
         signal(s),
         theta_on(on),
         theta_off(off),
         leak(leak_us),
         reference(r),
-        from_us(begin_us) {
-    if (leak > 0.0) {
-      int power;
-      std::frexp(0.25 * band.sigma / leak, &power);
-      exponent = std::clamp(power - 1, 0, 20);
-    }
+        from_us(static_cast<double>(begin_us)) {
+    constexpr double LONGEST_CELL = 0x1p20;
+    constexpr uint64_t INFINITE = 0x7ffull << 52;
+    // the mantissa is cut off
+    const double moves = 0.25 * band.sigma / leak;
+    const double power = std::bit_cast<double>(std::bit_cast<uint64_t>(moves) & INFINITE);
+    const double limited = select(power < LONGEST_CELL, power, LONGEST_CELL);
+    const bool is_short = (power < 1.0) | (power == std::bit_cast<double>(INFINITE));
+    cell_us = select(leak > 0.0, select(is_short, 1.0, limited), LONGEST_CELL);
   }
 
-  double reference_at(double us) const {
-    return reference - leak * (us - static_cast<double>(from_us));
+  EVS_ALWAYS_INLINE double reference_at(double us) const {
+    return reference - leak * (us - from_us);
   }
-  double deviations(double distance) const {
+  EVS_ALWAYS_INLINE double deviations(double distance) const {
     return in_deviations(distance / (band.sigma + 1e-12), 8.0);
   }
-  double on_level(double us) const { return deviations(reference_at(us) + theta_on - signal); }
-  double off_level(double us) const { return deviations(signal - (reference_at(us) - theta_off)); }
-  double on_rate(double us) const {
-    return band.slow * PASSAGE_TABLE.rate_at(band.shift, on_level(us));
+  EVS_ALWAYS_INLINE double on_level(double us) const {
+    return deviations(reference_at(us) + theta_on - signal);
   }
-  double off_rate(double us) const {
-    return band.slow * PASSAGE_TABLE.rate_at(band.shift, off_level(us));
+  EVS_ALWAYS_INLINE double off_level(double us) const {
+    return deviations(signal - (reference_at(us) - theta_off));
   }
-  double loss(int64_t us) const {
-    if (leak == 0.0) return 0.0;
-    return on_budget_grid(PASSAGE_TABLE.loss_at(on_level(static_cast<double>(us))));
+  // Where the cell begins in which a time is.
+  EVS_ALWAYS_INLINE double cell_at(double us) const {
+    const double cells = us / cell_us;
+    const double near = (cells + 0x1p52) - 0x1p52;
+    return select(near > cells, near - 1.0, near) * cell_us;
+  }
+
+  double rate_at(double level) const {
+    return band.slow * PASSAGE_TABLE.rate_at(band.shift, level);
   }
 
   // Whether no level is near up to `to_us`.
-  bool far(int64_t to_us) const {
+  bool far(double to_us) const {
     constexpr double MARGIN = FAR_LEVEL + 0.5;
-    return on_level(static_cast<double>(to_us)) > MARGIN &&
-           off_level(static_cast<double>(from_us)) > MARGIN;
+    return on_level(to_us) > MARGIN && off_level(from_us) > MARGIN;
   }
 
   // A bound of the hazard up to `to_us`.
-  double bound(int64_t to_us) const {
-    const double on = std::max(on_level(static_cast<double>(to_us)) - 0.5, -8.0);
-    const double off = std::max(off_level(static_cast<double>(from_us)) - 0.5, -8.0);
+  double bound(double to_us) const {
+    const double on = std::max(on_level(to_us) - 0.5, -8.0);
+    const double off = std::max(off_level(from_us) - 0.5, -8.0);
     const double rate =
         PASSAGE_TABLE.rate_at(band.shift, on) + PASSAGE_TABLE.rate_at(band.shift, off);
-    return 1.01 * (band.slow * rate * static_cast<double>(to_us - from_us)) +
-           PASSAGE_TABLE.loss_at(on);
+    return 1.01 * (band.slow * rate * (to_us - from_us)) + PASSAGE_TABLE.loss_at(on);
   }
 
   struct Outcome {
@@ -380,14 +395,16 @@ struct StillNoise {
 
   // Use up the budget from from_us to `to_us`.
   Outcome run(int64_t to_us, double& budget, const NoiseDraws& draws) const {
-    if (far(to_us)) return {false, false, false, to_us};
-    double before = loss(from_us);
-    for (int64_t t = from_us; t < to_us;) {
-      const int64_t cell = t >> exponent;
-      const int64_t end = std::min((cell + 1) << exponent, to_us);
-      const double middle =
-          (static_cast<double>(cell) + 0.5) * static_cast<double>(int64_t{1} << exponent);
-      const double rate = on_budget_grid(std::min(on_rate(middle) + off_rate(middle), 1.0));
+    if (far(static_cast<double>(to_us))) return {false, false, false, to_us};
+    const int64_t length = static_cast<int64_t>(cell_us);
+    const int64_t begin_us = static_cast<int64_t>(from_us);
+    auto loss = [&](int64_t us) { return still_loss(leak, on_level(static_cast<double>(us))); };
+    double before = loss(begin_us);
+    for (int64_t t = begin_us; t < to_us;) {
+      const int64_t cell = t & -length;
+      const int64_t end = std::min(cell + length, to_us);
+      const double middle = static_cast<double>(cell) + 0.5 * cell_us;
+      const double rate = still_rate(band.slow, band.shift, on_level(middle), off_level(middle));
       auto hazard = [&](int64_t us) {
         return rate * static_cast<double>(us - t) + (loss(us) - before);
       };
@@ -405,8 +422,8 @@ struct StillNoise {
         (hazard(half) < budget ? low : high) = half;
       }
       const double leaked = loss(high) - loss(high - 1);
-      const double on = on_rate(middle);
-      const double all = on + off_rate(middle) + leaked;
+      const double on = rate_at(on_level(middle));
+      const double all = on + rate_at(off_level(middle)) + leaked;
       const bool up = draws.polarity(high) * all < on + leaked;
       return {true, up, leaked > on, high};
     }

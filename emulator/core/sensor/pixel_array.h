@@ -130,9 +130,10 @@ class PixelArray {
     if (arrays.since_us == nullptr) return;
     const Tick tick{nullptr, clock_us, 1};
     const PixelStep step = prepare(arrays, tick);
+    BudgetScratch budgets;
     for (size_t first = 0; first < pixels_; first += BLOCK_PIXELS) {
       const size_t count = std::min(BLOCK_PIXELS, pixels_ - first);
-      use_up_skipped_budgets(step, first, count);
+      use_up_skipped_budgets(step, first, count, budgets);
       apply_skipped_leak(step, first, count);
       arrays.since_us[first / BLOCK_PIXELS] = arrays.due_us[first / BLOCK_PIXELS] = clock_us;
     }

@@ -16,19 +16,9 @@
 #include "sensor/noise_budgets.h"
 #include "sensor/noisy_comparator.h"
 #include "sensor/pixel_front_end.h"
+#include "sensor/still_budgets.h"
 
 namespace evs {
-
-// The photon noise of a pixel at this light.
-inline NoiseBand noise_at(const PixelSettings& settings, float dn) {
-  const double photoreceptor =
-      settings.lowpass() ? settings.lowpass_low + settings.lowpass_slope * dn : 0.0;
-  return noise_band(photoreceptor, settings.follower, settings.photon.scale, dn);
-}
-
-inline NoiseDraws noise_draws(const PixelSettings& settings, size_t pixel) {
-  return {hash(settings.photon.key, pixel + 1)};
-}
 
 // Photon noise from the first light on: the noise is known, and in the reference. In/out: by how
 // much the leak has moved the reference, which is less where noise would fire the pixel at once.
@@ -90,11 +80,12 @@ EVS_CALL_ON_DEVICE void compare(const PixelStep& step, size_t pixel, const Respo
     const bool leaks = pattern.leak != nullptr;
     const bool still = from == to && !step.settings.references_follow();
     // that of a still pixel must not depend on the tick
-    const NoiseBand band = still && arrays.noise_memory[pixel] == 0.0f
-                               ? noise_at(step.settings, dn)
-                               : noise_band_of(budgets, index, step.tick.us);
-    NoisyComparators noisy(comparators, band, noise_step(budgets, index),
-                           noise_draws(step.settings, pixel));
+    const bool stands = still && arrays.noise_memory[pixel] == 0.0f;
+    const size_t place = stands ? 0 : place_of_pixel(budgets, index);
+    NoisyComparators noisy(
+        comparators,
+        stands ? noise_at(step.settings, dn) : noise_band_of(budgets, place, step.tick.us),
+        stands ? NoiseStep{} : noise_step(budgets, place), noise_draws(step.settings, pixel));
     noisy.leak = leaks ? leak_rate(step, pixel, dn) : 0.0;
     noisy.still = still;
     noisy.budget = arrays.noise_budget[pixel];
@@ -162,47 +153,6 @@ EVS_ALWAYS_INLINE void compare_simple(const PixelStep& step, size_t pixel, const
   step.arrays.reference[pixel] = r - drift;
 }
 
-// The photon noise of a still pixel from `from_us` on.
-inline StillNoise still_noise(const PixelStep& step, size_t pixel, double signal, float dn,
-                              int64_t from_us) {
-  const double leak = step.pattern.leak == nullptr ? 0.0 : leak_rate(step, pixel, dn);
-  return {noise_at(step.settings, dn),
-          signal,
-          step.pattern.theta_on[pixel],
-          step.pattern.theta_off[pixel],
-          leak,
-          step.arrays.reference[pixel],
-          from_us};
-}
-
-// For how long the budget of a still pixel lasts for certain, us after `end_us`.
-EVS_CALL_ON_DEVICE inline double noise_lasts(const PixelStep& step, size_t pixel, double signal,
-                                             float dn, int64_t end_us) {
-  const StillNoise still = still_noise(step, pixel, signal, dn, end_us);
-  for (int64_t us = int64_t{1} << 24; us > 500; us >>= 2) {
-    if (still.bound(end_us + us) < step.arrays.noise_budget[pixel]) return static_cast<double>(us);
-  }
-  return 0.0;
-}
-
-// Use up the budgets in the ticks in which the block was skipped, at the light and the references
-// of those ticks.
-EVS_ALWAYS_INLINE void use_up_skipped_budgets(const PixelStep& step, size_t first, size_t count) {
-  const PixelArrays& arrays = step.arrays;
-  if (!arrays.photon_noise()) return;
-  const int64_t since_us = arrays.since_us[first / BLOCK_PIXELS];
-  if (since_us == step.tick.begin_us) return;
-  const float* light =
-      (step.settings.averages() ? arrays.running_mean.mean : arrays.last_luminance);
-  const float* signal = step.settings.follower > 0.0 ? arrays.followed : arrays.filtered;
-  for (size_t i = first; i < first + count; i++) {
-    if (!(arrays.reference[i] == arrays.reference[i])) continue;
-    const float dn = to_dn(step.settings.map, light[i]);
-    const StillNoise still = still_noise(step, i, signal[i], dn, since_us);
-    still.run(step.tick.begin_us, arrays.noise_budget[i], noise_draws(step.settings, i));
-  }
-}
-
 // Time by the sensor's clock up to which a block has no event if its light is constant and its
 // filters have settled.
 EVS_CALL_ON_DEVICE inline int64_t quiet_until(const PixelStep& step, size_t first, size_t count,
@@ -224,17 +174,19 @@ EVS_CALL_ON_DEVICE inline int64_t quiet_until(const PixelStep& step, size_t firs
       }
       continue;
     }
+    // leaking: until the reference is a threshold below the signal
+    if (step.pattern.leak != nullptr) {
+      const double leak = leak_rate(step, first + i, dn[i]);
+      const double theta = step.pattern.theta_on[first + i];
+      const double wait =
+          leak > 0.0 ? (r + theta - static_cast<double>(signal[i])) / leak : FAR_AWAY;
+      soonest = wait < soonest ? wait : soonest;
+    }
     // photon noise: as long as the budget lasts for certain
     if (step.arrays.photon_noise()) {
-      const double lasts = noise_lasts(step, first + i, signal[i], dn[i], end);
+      const double lasts = noise_lasts(step, first + i, signal[i], dn[i], end, soonest);
       soonest = lasts < soonest ? lasts : soonest;
     }
-    // leaking: until the reference is a threshold below the signal
-    if (step.pattern.leak == nullptr) continue;
-    const double leak = leak_rate(step, first + i, dn[i]);
-    const double theta = step.pattern.theta_on[first + i];
-    const double wait = leak > 0.0 ? (r + theta - static_cast<double>(signal[i])) / leak : FAR_AWAY;
-    soonest = wait < soonest ? wait : soonest;
   }
   // the division rounds by less than a us for waits below 2^50 us
   const int64_t leak_end = soonest < 0x1p50 ? end + static_cast<int64_t>(soonest) - 2 : NEVER;
@@ -330,7 +282,7 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
   }
 
   // front end
-  use_up_skipped_budgets(step, first, count);
+  use_up_skipped_budgets(step, first, count, budgets);
   apply_skipped_leak(step, first, count);
   const size_t clamped = log_intensity(step, first, count, s, seen.safe, changed);
   const Signal signal = limit_bandwidth(step, first, count, s, changed);
@@ -354,9 +306,12 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
   if (drifts) reference_drift(step, first, count, signal, s, changed);
   if (photon_noise) {
     noisy |= read;
-    at_threshold =
-        use_up_budgets(step, first, count, s.dn, signal, drifts ? s.reference : reference,
-                       drifts ? s.drift : nullptr, noisy, budgets);
+    const double* begin = drifts ? s.reference : reference;
+    const NoiseReach reach =
+        within_reach(step, first, count, s.dn, signal, begin, drifts ? s.drift : nullptr, budgets);
+    // those that move come last: NoisyComparators take their steps from the scratch
+    at_threshold = use_up_still(step, first, reach.still & ~noisy, s.dn, signal, begin, budgets);
+    at_threshold |= use_up_moving(step, first, reach.moving | noisy, noisy, s.dn, begin, budgets);
   } else if (drifts) {
     at_threshold =
         pixels_at_threshold<true>(theta_on, theta_off, signal.to, s.drift, s.reference, count);

@@ -24,6 +24,7 @@ SENSOR = SensorParameters(
 TERMS: dict[str, dict[str, Any]] = {
     "as it is": {},
     "strong": {"photocurrent_pa": 0.05},
+    "out of reach of most levels": {"photocurrent_pa": 100.0},
     "photoreceptor alone": {"follower_hz": 0.0},
     "follower alone": {"cutoff_hz": 0.0, "follower_hz": 300.0, "photocurrent_pa": 30.0},
     "large signal": {"filter": "large_signal"},
