@@ -197,6 +197,7 @@ class HybridIntegrator final : public PathFollower {
   std::vector<uint8_t> incomplete_;  // packets that missed nodes
   // what packets keep (packets, samples, kept_rows, 16), and whether that is all; null: nothing
   std::unique_ptr<float[]> kept_;
+  std::unique_ptr<KeptNodes[]> kept_nodes_;
   std::unique_ptr<float[]> kept_surfaces_;       // of packets, while lamps move
   size_t kept_floats_ = 0, surface_floats_ = 0;  // of a packet
   Recording kept_of_last_ = Recording::NOTHING;  // in the last tick, of every packet

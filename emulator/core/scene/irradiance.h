@@ -75,9 +75,24 @@ struct IrradianceView {
   const float* tint;
 };
 
+// The nodes that a packet reads, each once, or more than are kept of it.
+struct KeptNodes {
+  static constexpr int ROOM = 31, TOO_MANY = ROOM + 1;
+  int32_t count, node[ROOM];
+
+  void add(int32_t k) {
+    for (int i = 0; i < count && i < ROOM; i++) {
+      if (node[i] == k) return;
+    }
+    if (count < ROOM) node[count] = k;
+    if (count < TOO_MANY) count++;
+  }
+};
+
 // Where a packet records its rays, and what else makes its light: see kept_light.inl.
 struct KeptPacket {
   PacketRecord record;
+  KeptNodes* nodes;
   float* rows;      // (samples, kept_rows, 16)
   float* surfaces;  // (samples, surface_rows, 16), while lamps move; or null
   bool complete;    // out: the rows hold all that it needs

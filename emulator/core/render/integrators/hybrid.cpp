@@ -80,10 +80,12 @@ void HybridIntegrator::keep_packets(const Tracing& tracing) {
   int channels = frame.channels + (antialiasing_ ? 1 : 0);
   kept_floats_ = samples * kept_rows(channels) * KEPT_LANES;
   surface_floats_ = samples * surface_rows(channels) * KEPT_LANES;
-  bool keeps = packets * (kept_floats_ + surface_floats_) * sizeof(float) <= MOST_KEPT_BYTES;
+  size_t bytes = (kept_floats_ + surface_floats_) * sizeof(float) + sizeof(KeptNodes);
+  bool keeps = packets * bytes <= MOST_KEPT_BYTES;
   if (!incremental_ || !keeps || frame.medium.fog || forced_.off(CACHED_LIGHT)) return;
   packet_cache_.emplace(scene_.sampling, 0, scene_.appearance.lights, frame.shadows);
   kept_ = std::make_unique_for_overwrite<float[]>(packets * kept_floats_);
+  kept_nodes_ = std::make_unique<KeptNodes[]>(packets);
   // memory that is not used while lamps rest
   kept_surfaces_ = std::make_unique_for_overwrite<float[]>(packets * surface_floats_);
   kept_whole_.resize(packets);
@@ -264,11 +266,19 @@ bool HybridIntegrator::trace_passes(const IrradianceCache::Tracer& tracer, Recor
       if (now == Recording::SURFACES && dirty == Dirty::RELIGHT) dirty = Dirty::CLEAN;
       return dirty == Dirty::CLEAN && !whole[column] ? Dirty::RETRACE_UNRECORDED : dirty;
     };
+    // its pixels are those of the last tick
+    auto rests = [&](size_t packet) {
+      return now == Recording::LIGHT && !antialiasing_ && !cache.any_changed(kept_nodes_[packet]);
+    };
     for (int column = 0; column < scene_.sampling.columns; column++) {
       if (!incomplete[column]) continue;
       Dirty dirty = dirty_of(column);
       int count = 1;
       bool found = true;
+      if (dirty == Dirty::CLEAN && rests(first + column)) {
+        incomplete[column] = 0;
+        continue;
+      }
       if (dirty == Dirty::CLEAN) {
         kernel_.relight_hybrid(base_frame, paths_, cache.view(), cache.requests(worker), column,
                                row, base_out, kept_.get() + (first + column) * kept_floats_,
@@ -288,7 +298,9 @@ bool HybridIntegrator::trace_passes(const IrradianceCache::Tracer& tracer, Recor
         found = cache.collect(worker);
         for (int k = 0; k < count && kept_; k++) whole[column + k] = 0;
       } else {
-        KeptPacket kept = {packet_cache_->record(column, row),
+        KeptNodes* nodes = &kept_nodes_[first + column];
+        nodes->count = 0;
+        KeptPacket kept = {packet_cache_->record(column, row), nodes,
                            kept_.get() + (first + column) * kept_floats_, surfaces(column), false};
         kernel_.trace_hybrid(base_frame, paths_, cache.view(), cache.requests(worker), column, row,
                              base_out, &kept);

@@ -643,7 +643,8 @@ struct HybridShading {
 inline void trace_hybrid(const Frame& f, const PathFrame& p, const IrradianceView& cache,
                          NodeRequests& requests, int column, int row, const Outputs& out,
                          KeptPacket* kept) {
-  KeptWriter keeps = {kept ? kept->rows : nullptr, kept ? kept->surfaces : nullptr};
+  KeptWriter keeps = {};
+  if (kept) keeps = {kept->rows, kept->surfaces, kept->nodes};
   HybridShading shading = {p, cache, requests, kept ? &keeps : nullptr};
   for_channels(f, [&]<int CHANNELS>() {
     trace_packet<CHANNELS>(shading, f, column, row, out, kept ? &kept->record : nullptr);

@@ -217,6 +217,7 @@ void IrradianceCache::drop_nodes() {
   forget_cells();
   nodes_.clear();
   light_.clear();
+  changed_.clear();
   used_.clear();
   known_.clear();
   phase_.clear();
@@ -254,6 +255,7 @@ void IrradianceCache::add(const Node& node, int used, int known) {
   used_.push_back(static_cast<uint8_t>(used));
   known_.push_back(static_cast<uint8_t>(known));
   light_.resize(4 * nodes_.size());
+  changed_.push_back(1);
   if (slots_.size() < 4 * nodes_.size()) {
     rehash(2 * slots_.size());
   } else {
@@ -408,6 +410,7 @@ void IrradianceCache::sweep() {
   used_.resize(kept);
   known_.resize(kept);
   light_.resize(4 * kept);
+  changed_.resize(kept);
   rehash(slots_.size());
   refresh_view();
 }
@@ -441,10 +444,18 @@ void IrradianceCache::next_tick(const Tracer& t) {
         float between = node.before[c] + (node.mean[c] - node.before[c]) * share;
         light[c] = step == RENEWAL_TICKS ? node.mean[c] : between;
       }
+      float last[4];
+      std::copy_n(light_.data() + 4 * k, 4, last);
       set_light(t.frame, static_cast<size_t>(k), light);
+      changed_[k] = std::memcmp(last, light_.data() + 4 * k, sizeof last) != 0;
     }
   });
   refresh_view();
+}
+
+bool IrradianceCache::any_changed(const KeptNodes& nodes) const {
+  if (nodes.count == KeptNodes::TOO_MANY) return true;
+  return std::any_of(nodes.node, nodes.node + nodes.count, [&](int k) { return changed_[k] != 0; });
 }
 
 void IrradianceCache::keep(NodeRequests& requests) {
@@ -532,7 +543,8 @@ bool IrradianceCache::add_requested(const Tracer& t) {
 
 size_t IrradianceCache::bytes() const {
   return nodes_.capacity() * sizeof(Node) + light_.capacity() * sizeof(float) + used_.capacity() +
-         known_.capacity() + phase_.capacity() + slots_.capacity() * sizeof(NodeSlot);
+         changed_.capacity() + known_.capacity() + phase_.capacity() +
+         slots_.capacity() * sizeof(NodeSlot);
 }
 
 void IrradianceCache::save(int32_t* ints, float* floats) const {

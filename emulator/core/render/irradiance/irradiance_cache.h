@@ -73,6 +73,8 @@ class IrradianceCache {
   bool collect(int worker);
   // The same of nodes that a device has requested.
   void request(const NodeRequest* nodes, size_t count);
+  // Is the light of any of these nodes another than in the last tick? Not where nodes were dropped.
+  bool any_changed(const KeptNodes& nodes) const;
   // (nodes) the passes that read each since the last sweep.
   const std::vector<uint8_t>& used() const { return used_; }
   void set_used(const uint8_t* used) { std::copy_n(used, used_.size(), used_.begin()); }
@@ -142,11 +144,12 @@ class IrradianceCache {
   size_t max_nodes_;
   float spacing_;
   std::vector<Node> nodes_;
-  std::vector<float> light_;    // (nodes, 4) the view's, of this tick
-  std::vector<uint8_t> used_;   // (nodes) the passes that read it since the last sweep
-  std::vector<uint8_t> known_;  // (nodes) ALL_PIXELS read it before that, or asked for it
-  std::vector<uint8_t> read_;   // (nodes) while readers are taken
-  std::vector<uint8_t> phase_;  // (nodes) high bits of the hash
+  std::vector<float> light_;      // (nodes, 4) the view's, of this tick
+  std::vector<uint8_t> changed_;  // (nodes) its light, since the last tick
+  std::vector<uint8_t> used_;     // (nodes) the passes that read it since the last sweep
+  std::vector<uint8_t> known_;    // (nodes) ALL_PIXELS read it before that, or asked for it
+  std::vector<uint8_t> read_;     // (nodes) while readers are taken
+  std::vector<uint8_t> phase_;    // (nodes) high bits of the hash
   std::vector<NodeSlot> slots_;
   std::vector<int32_t> due_;
   std::vector<NodeRequest> wanted_;

@@ -71,6 +71,7 @@ struct KeptSurface {
 struct KeptWriter {
   float* sample;   // the next one
   float* surface;  // the next one; null: keep none
+  KeptNodes* nodes;
   bool complete = true;
   int surfaces = 0;  // shaded for it so far
   int channels = 0;
@@ -90,8 +91,8 @@ struct KeptWriter {
     head = {to_bits(lit), 0, to_bits(cells.blended), 0, at.step};
     if (surface) keep_surface<CHANNELS>(hit, at, lobes);
     store(row(KEPT_SHARE), cells.share);
-    keep_cells(cells.first, KEPT_CELLS);
-    keep_cells(cells.second, KEPT_CELLS + 6);
+    keep_cells(cells.first, KEPT_CELLS, lit);
+    keep_cells(cells.second, KEPT_CELLS + 6, cells.blended);
     for (int c = 0; c < CHANNELS; c++) {
       store(light(0, c), lamps[c]);
       store(light(1, c), reflectance[c]);
@@ -115,10 +116,17 @@ struct KeptWriter {
       for (int c = 0; c < CHANNELS; c++) put(colour[c]);
     }
   }
-  void keep_cells(const CellLanes& cells, int first) {
+  void keep_cells(const CellLanes& cells, int first, Mask lanes) {
     store(row(first), cells.x);
     store(row(first + 1), cells.y);
-    for (int k = 0; k < 4; k++) store(row(first + 2 + k), as_float(cells.node[k]));
+    for (int k = 0; k < 4; k++) {
+      store(row(first + 2 + k), as_float(cells.node[k]));
+      for (unsigned left = to_bits(lanes); left;) {
+        int node = lane(cells.node[k], first_lane(left));
+        nodes->add(node);
+        left &= ~to_bits(cells.node[k] == splat(node));
+      }
+    }
   }
   // A mirror image that reads nothing, in `lanes`.
   template <int CHANNELS>
