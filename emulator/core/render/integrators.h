@@ -191,7 +191,7 @@ class HybridIntegrator final : public PathFollower {
   std::optional<IrradianceCache> irradiance_;
   // where lights are grey: the appearance for nodes, and that for pixels
   std::optional<Appearance> colours_, luminance_;
-  std::vector<Light> node_lights_;
+  std::vector<Light> node_lights_, last_lights_;  // of nodes; the pixels', of the last tick
   std::vector<float> tint_;
   std::vector<LampPoint> lamp_points_;
   std::vector<uint8_t> incomplete_;  // packets that missed nodes

@@ -75,17 +75,19 @@ struct IrradianceView {
   const float* tint;
 };
 
-// The nodes that a packet reads, each once, or more than are kept of it.
+// The nodes that a packet reads, each once.
 struct KeptNodes {
-  static constexpr int ROOM = 31, TOO_MANY = ROOM + 1;
+  static constexpr int ROOM = 127;
   int32_t count, node[ROOM];
 
-  void add(int32_t k) {
-    for (int i = 0; i < count && i < ROOM; i++) {
-      if (node[i] == k) return;
+  // Return the place of node `k`, -1 where there is no room.
+  int add(int32_t k) {
+    for (int i = 0; i < count; i++) {
+      if (node[i] == k) return i;
     }
-    if (count < ROOM) node[count] = k;
-    if (count < TOO_MANY) count++;
+    if (count == ROOM) return -1;
+    node[count] = k;
+    return count++;
   }
 };
 
@@ -97,7 +99,7 @@ struct KeptPacket {
   float* surfaces;  // (samples, surface_rows, 16), while lamps move; or null
   bool complete;    // out: the rows hold all that it needs
 };
-constexpr int kept_rows(int channels) { return 15 + 4 * channels; }
+constexpr int kept_rows(int channels) { return 9 + 4 * channels; }
 constexpr int surface_rows(int channels) { return 15 + 3 * channels; }
 
 // Nodes whose light is to be found, camera frame: structure of arrays.

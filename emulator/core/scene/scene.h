@@ -314,6 +314,7 @@ struct PathCacheView;
 struct PathBatch;
 struct PathFrame;
 struct IrradianceView;  // irradiance.h
+struct KeptNodes;
 struct KeptPacket;
 struct LampPoint;
 struct NodeArray;
@@ -372,7 +373,8 @@ struct Kernel {
   // The same from what a packet has kept, with the nodes' light of this tick; and where lamps have
   // moved with theirs, from its surfaces, else null.
   void (*relight_hybrid)(const Frame&, const PathFrame&, const IrradianceView&, NodeRequests&,
-                         int column, int row, const Outputs&, float* rows, const float* surfaces);
+                         int column, int row, const Outputs&, const KeptNodes&, float* rows,
+                         const float* surfaces);
   // `trace_hybrid` for `column`, which is even, and `column` + 1 at once; or null.
   void (*trace_hybrid_pair)(const Frame&, const PathFrame&, const IrradianceView&, NodeRequests&,
                             int column, int row, const Outputs&);

@@ -180,6 +180,7 @@ bool HybridIntegrator::find_dirty(WorkCounters& work) {
   change.soft = &soft;
   change.emitters = emitter_spheres_.data();
   change.emitter_count = paths_.emitter_count;
+  if (!scene_.same_lights()) change.lights = last_lights_.data();
   packet_cache_->find_dirty(kernel_, scene_.frame, change, pool_);
   work.packets_tested += scene_.packets();
   return true;
@@ -222,6 +223,7 @@ void HybridIntegrator::trace_tick(bool selective, WorkCounters& work, const Outp
     cache.settle(colour_frame_);
     pass();
   }
+  last_lights_.assign(scene_.frame.lights, scene_.frame.lights + scene_.frame.light_count);
   // light alone is kept of packets that are traced while lamps rest
   kept_of_last_ = now;
 }
@@ -262,27 +264,28 @@ bool HybridIntegrator::trace_passes(const IrradianceCache::Tracer& tracer, Recor
     auto dirty_of = [&](int column) {
       if (now == Recording::NOTHING) return Dirty::RETRACE_UNRECORDED;
       Dirty dirty = selective ? packet_cache_->dirty(column, row) : Dirty::RETRACE;
-      // the light of all lamps is found again
-      if (now == Recording::SURFACES && dirty == Dirty::RELIGHT) dirty = Dirty::CLEAN;
-      return dirty == Dirty::CLEAN && !whole[column] ? Dirty::RETRACE_UNRECORDED : dirty;
-    };
-    // its pixels are those of the last tick
-    auto rests = [&](size_t packet) {
-      return now == Recording::LIGHT && !antialiasing_ && !cache.any_changed(kept_nodes_[packet]);
+      // without its surface, its light cannot be found again
+      if (now == Recording::LIGHT && dirty == Dirty::RELIGHT) dirty = Dirty::RETRACE;
+      bool keeps = dirty == Dirty::CLEAN || dirty == Dirty::RELIGHT;
+      return keeps && !whole[column] ? Dirty::RETRACE_UNRECORDED : dirty;
     };
     for (int column = 0; column < scene_.sampling.columns; column++) {
       if (!incomplete[column]) continue;
       Dirty dirty = dirty_of(column);
       int count = 1;
       bool found = true;
-      if (dirty == Dirty::CLEAN && rests(first + column)) {
+      bool keeps = dirty == Dirty::CLEAN || dirty == Dirty::RELIGHT;
+      if (dirty == Dirty::CLEAN && !antialiasing_ &&
+          !cache.any_changed(kept_nodes_[first + column])) {
+        // its pixels are those of the last tick
         incomplete[column] = 0;
         continue;
       }
-      if (dirty == Dirty::CLEAN) {
+      if (keeps) {
+        const float* lamps = dirty == Dirty::RELIGHT ? surfaces(column) : nullptr;
         kernel_.relight_hybrid(base_frame, paths_, cache.view(), cache.requests(worker), column,
-                               row, base_out, kept_.get() + (first + column) * kept_floats_,
-                               surfaces(column));
+                               row, base_out, kept_nodes_[first + column],
+                               kept_.get() + (first + column) * kept_floats_, lamps);
         own_relit++;
       } else if (dirty == Dirty::RETRACE_UNRECORDED) {
         bool two = pairs && column % 2 == 0 && column + 1 < scene_.sampling.columns &&
@@ -307,7 +310,7 @@ bool HybridIntegrator::trace_passes(const IrradianceCache::Tracer& tracer, Recor
         found = cache.collect(worker);
         whole[column] = kept.complete;
       }
-      if (dirty != Dirty::CLEAN) own_traced += count;
+      if (!keeps) own_traced += count;
       complete = complete && found;
       for (int k = 0; k < count; k++) {
         incomplete[column + k] = !found;

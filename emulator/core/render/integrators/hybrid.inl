@@ -50,7 +50,7 @@ struct HybridShading {
     CacheCells cells;
     if (!cache.off) {
       cells_of_hits<CHANNELS>(f, cache, requests, rays, hit, interaction, lit, path_length, cells);
-      if (requests.complete) read_cells<(CHANNELS >= 3)>(cache, cells, lit, received);
+      if (requests.complete) read_cells<(CHANNELS >= 3)>(cache.light, cells, lit, received);
     }
     Float gloss = specular_albedo(min(s.geometry.cos_outgoing, splat(1.0f)), s.geometry.alpha);
     Float reflectance[CHANNELS];
@@ -656,7 +656,7 @@ inline void trace_hybrid(const Frame& f, const PathFrame& p, const IrradianceVie
 // were.
 inline void relight_hybrid(const Frame& f, const PathFrame& p, const IrradianceView& cache,
                            NodeRequests& requests, int column, int row, const Outputs& out,
-                           float* rows, const float* surfaces) {
+                           const KeptNodes& nodes, float* rows, const float* surfaces) {
   HybridShading shading = {p, cache, requests};
   for_channels(f, [&]<int CHANNELS>() {
     auto lamps = [&](int sample, float step, Mask lit, Float* light) {
@@ -665,7 +665,7 @@ inline void relight_hybrid(const Frame& f, const PathFrame& p, const IrradianceV
       read_surface(surfaces + sample * surface_rows(CHANNELS) * PACKET, step, rays.direction, kept);
       shading.relight<CHANNELS>(f, rays, kept, lit, light);
     };
-    relight_kept<CHANNELS>(f, cache, column, row, out, rows, surfaces ? &lamps : nullptr);
+    relight_kept<CHANNELS>(f, cache, column, row, out, nodes, rows, surfaces ? &lamps : nullptr);
   });
 }
 

@@ -195,6 +195,7 @@ void IrradianceCache::clear() {
 
 void IrradianceCache::begin_pass(Pass pass) {
   view_.pass = pass;
+  has_edges_ = has_edges_ || pass == EDGES;
   // what another pass has marked
   forget_cells();
   refresh_view();
@@ -218,6 +219,7 @@ void IrradianceCache::drop_nodes() {
   nodes_.clear();
   light_.clear();
   changed_.clear();
+  disturbed_.clear();
   used_.clear();
   known_.clear();
   phase_.clear();
@@ -256,6 +258,7 @@ void IrradianceCache::add(const Node& node, int used, int known) {
   known_.push_back(static_cast<uint8_t>(known));
   light_.resize(4 * nodes_.size());
   changed_.push_back(1);
+  disturbed_.push_back(1);
   if (slots_.size() < 4 * nodes_.size()) {
     rehash(2 * slots_.size());
   } else {
@@ -309,6 +312,7 @@ void IrradianceCache::place(const Geom& g, const Node& node, const NodeArray& to
 void IrradianceCache::light(const Tracer& t, const std::vector<int32_t>& which, int first_quarter,
                             int quarters) {
   int count = static_cast<int>(which.size());
+  lit_anew_.assign(which.size(), 0);
   t.pool.run((count + CHUNK - 1) / CHUNK, [&](int job, int worker) {
     NodeArray& array = workers_[worker].nodes;
     int begin = job * CHUNK, end = std::min(begin + CHUNK, count);
@@ -323,22 +327,39 @@ void IrradianceCache::light(const Tracer& t, const std::vector<int32_t>& which, 
       if (is_mesh(t.frame.geoms[geom])) t.kernel.place_mesh_nodes(t.frame, array, first, k);
     }
     t.kernel.move_hidden_nodes(t.frame, array);
+    uint8_t* changed = lit_anew_.data() + begin;
     for (int k = 0; k < array.count; k++) {
+      float before[3];
+      float* facing = nodes_[which[begin + k]].facing;
+      std::copy_n(facing, 3, before);
       const float* r = t.frame.geoms[array.geom[k]].rotation;
       for (int a = 0; a < 3; a++) {
-        nodes_[which[begin + k]].facing[a] = array.normal[0][k] * r[a] +
-                                             array.normal[1][k] * r[3 + a] +
-                                             array.normal[2][k] * r[6 + a];
+        facing[a] = array.normal[0][k] * r[a] + array.normal[1][k] * r[3 + a] +
+                    array.normal[2][k] * r[6 + a];
       }
+      // new nodes are neighbours from now on
+      changed[k] = quarters == QUARTERS || std::memcmp(facing, before, sizeof before) != 0;
     }
     float sums[3 * CHUNK];
     for (int q = first_quarter; q < first_quarter + quarters; q++) {
       t.kernel.light_nodes(t.frame, t.paths, t.batches[worker], array, q * QUARTER, QUARTER, sums);
       for (int k = 0; k < array.count; k++) {
-        std::copy_n(sums + 3 * k, 3, nodes_[which[begin + k]].quarter[q]);
+        float* quarter = nodes_[which[begin + k]].quarter[q];
+        changed[k] = changed[k] || std::memcmp(quarter, sums + 3 * k, 3 * sizeof(float)) != 0;
+        std::copy_n(sums + 3 * k, 3, quarter);
       }
     }
   });
+  // where most have changed, under a moving camera, all their neighbours have
+  if (3 * std::count(lit_anew_.begin(), lit_anew_.end(), uint8_t{1}) > count) {
+    std::fill(disturbed_.begin(), disturbed_.end(), uint8_t{1});
+  } else {
+    t.pool.run((count + CHUNK - 1) / CHUNK, [&](int job, int) {
+      for (int k = job * CHUNK; k < std::min((job + 1) * CHUNK, count); k++) {
+        if (lit_anew_[k]) disturb(t.frame, which[k]);
+      }
+    });
+  }
   paths_ += static_cast<long>(count) * quarters * QUARTER;
 }
 
@@ -351,28 +372,45 @@ void IrradianceCache::own_mean(const Node& node, float* mean) const {
   }
 }
 
-// Find the mean of a node and its neighbours on the surface, with binomial weights; less of those
-// that face elsewhere.
-void IrradianceCache::average(const Frame& frame, int k) {
-  Node& node = nodes_[k];
-  constexpr float SAME_WAY = 0.9f;  // cosine from which neighbours count
-  int shape = frame.geoms[node.key.geom].shape;
+// Call visit(neighbour, moved) for the nodes around a node on the surface. moved: along how many
+// axes.
+template <class Visit>
+void IrradianceCache::visit_neighbours(const Frame& frame, int k, const Visit& visit) const {
+  NodeKey key = nodes_[k].key;
+  int shape = frame.geoms[key.geom].shape;
   bool flat = shape == PLANE || shape == BOX || shape == MESH || shape == HFIELD ||
-              (shape == CYLINDER && node.key.face < 6);
-  int across = flat ? node.key.face / 2 : -1;
-  float sum[3], total = 4;
-  own_mean(node, sum);
-  for (float& part : sum) part *= total;
+              (shape == CYLINDER && key.face < 6);
+  int across = flat ? key.face / 2 : -1;
   for (int i = 0; i < 27; i++) {
     int offset[3] = {i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1};
     int moved = std::abs(offset[0]) + std::abs(offset[1]) + std::abs(offset[2]);
     if (moved == 0 || (flat && offset[across] != 0)) continue;
-    NodeKey key = node.key;
-    key.x += offset[0];
-    key.y += offset[1];
-    key.z += offset[2];
-    int neighbour = find_node(view_.slots, view_.mask, key);
-    if (neighbour < 0 || !counts(static_cast<size_t>(neighbour))) continue;
+    NodeKey other = key;
+    other.x += offset[0];
+    other.y += offset[1];
+    other.z += offset[2];
+    int neighbour = find_node(view_.slots, view_.mask, other);
+    if (neighbour >= 0) visit(neighbour, moved);
+  }
+}
+
+// What the means of a node and its neighbours are made of has changed.
+void IrradianceCache::disturb(const Frame& frame, int k) {
+  auto set = [&](int node) { __atomic_store_n(&disturbed_[node], uint8_t{1}, __ATOMIC_RELAXED); };
+  set(k);
+  visit_neighbours(frame, k, [&](int neighbour, int) { set(neighbour); });
+}
+
+// Find the mean of a node and its neighbours, with binomial weights; less of those that face
+// elsewhere.
+void IrradianceCache::average(const Frame& frame, int k) {
+  Node& node = nodes_[k];
+  constexpr float SAME_WAY = 0.9f;  // cosine from which neighbours count
+  float sum[3], total = 4;
+  own_mean(node, sum);
+  for (float& part : sum) part *= total;
+  visit_neighbours(frame, k, [&](int neighbour, int moved) {
+    if (!counts(static_cast<size_t>(neighbour))) return;
     const Node& other = nodes_[neighbour];
     float cosine = 0, mean[3];
     for (int a = 0; a < 3; a++) cosine += node.facing[a] * other.facing[a];
@@ -381,7 +419,7 @@ void IrradianceCache::average(const Frame& frame, int k) {
     own_mean(other, mean);
     for (int c = 0; c < 3; c++) sum[c] += weight * mean[c];
     total += weight;
-  }
+  });
   for (int c = 0; c < 3; c++) node.mean[c] = sum[c] / total;
 }
 
@@ -401,6 +439,7 @@ void IrradianceCache::sweep() {
     nodes_[kept] = nodes_[k];
     phase_[kept] = phase_[k];
     known_[kept] = used_[k];
+    std::copy_n(light_.data() + 4 * k, 4, light_.data() + 4 * kept);
     kept++;
   }
   std::fill(used_.begin(), used_.end(), uint8_t{0});
@@ -411,6 +450,7 @@ void IrradianceCache::sweep() {
   known_.resize(kept);
   light_.resize(4 * kept);
   changed_.resize(kept);
+  disturbed_.assign(kept, 1);
   rehash(slots_.size());
   refresh_view();
 }
@@ -430,13 +470,18 @@ void IrradianceCache::next_tick(const Tracer& t) {
     for (int i = job * CHUNK; i < std::min((job + 1) * CHUNK, due); i++) {
       Node& node = nodes_[due_[i]];
       std::copy_n(node.mean, 3, node.before);
-      average(t.frame, due_[i]);
+      if (disturbed_[due_[i]] || has_edges_) average(t.frame, due_[i]);
+      disturbed_[due_[i]] = 0;
     }
   });
   constexpr int STEPS_A_JOB = 1024;
   t.pool.run((size() + STEPS_A_JOB - 1) / STEPS_A_JOB, [&](int job, int) {
     for (int k = job * STEPS_A_JOB; k < std::min((job + 1) * STEPS_A_JOB, size()); k++) {
       const Node& node = nodes_[k];
+      float *now = light_.data() + 4 * k, last[4];
+      changed_[k] = std::memcmp(node.before, node.mean, sizeof node.mean) != 0 ||
+                    std::memcmp(now, node.mean, sizeof node.mean) != 0;
+      if (!changed_[k]) continue;
       int step = (turn - phase_[k] + RENEWAL_TICKS) % RENEWAL_TICKS + 1;
       float share = static_cast<float>(step) * (1.0f / RENEWAL_TICKS);
       float light[3];
@@ -444,17 +489,15 @@ void IrradianceCache::next_tick(const Tracer& t) {
         float between = node.before[c] + (node.mean[c] - node.before[c]) * share;
         light[c] = step == RENEWAL_TICKS ? node.mean[c] : between;
       }
-      float last[4];
-      std::copy_n(light_.data() + 4 * k, 4, last);
+      std::copy_n(now, 4, last);
       set_light(t.frame, static_cast<size_t>(k), light);
-      changed_[k] = std::memcmp(last, light_.data() + 4 * k, sizeof last) != 0;
+      changed_[k] = std::memcmp(now, last, sizeof last) != 0;
     }
   });
   refresh_view();
 }
 
 bool IrradianceCache::any_changed(const KeptNodes& nodes) const {
-  if (nodes.count == KeptNodes::TOO_MANY) return true;
   return std::any_of(nodes.node, nodes.node + nodes.count, [&](int k) { return changed_[k] != 0; });
 }
 
@@ -543,7 +586,7 @@ bool IrradianceCache::add_requested(const Tracer& t) {
 
 size_t IrradianceCache::bytes() const {
   return nodes_.capacity() * sizeof(Node) + light_.capacity() * sizeof(float) + used_.capacity() +
-         changed_.capacity() + known_.capacity() + phase_.capacity() +
+         changed_.capacity() + disturbed_.capacity() + known_.capacity() + phase_.capacity() +
          slots_.capacity() * sizeof(NodeSlot);
 }
 

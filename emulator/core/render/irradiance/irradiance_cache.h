@@ -131,6 +131,9 @@ class IrradianceCache {
              int quarters);
   bool counts(size_t node) const { return (used_[node] | known_[node]) & ALL_PIXELS; }
   void own_mean(const Node& node, float* mean) const;
+  template <class Visit>
+  void visit_neighbours(const Frame& frame, int k, const Visit& visit) const;
+  void disturb(const Frame& frame, int k);
   void average(const Frame& frame, int k);
   void drop_nodes();
   void forget_cells();
@@ -144,20 +147,23 @@ class IrradianceCache {
   size_t max_nodes_;
   float spacing_;
   std::vector<Node> nodes_;
-  std::vector<float> light_;      // (nodes, 4) the view's, of this tick
-  std::vector<uint8_t> changed_;  // (nodes) its light, since the last tick
-  std::vector<uint8_t> used_;     // (nodes) the passes that read it since the last sweep
-  std::vector<uint8_t> known_;    // (nodes) ALL_PIXELS read it before that, or asked for it
-  std::vector<uint8_t> read_;     // (nodes) while readers are taken
-  std::vector<uint8_t> phase_;    // (nodes) high bits of the hash
+  std::vector<float> light_;        // (nodes, 4) the view's, of this tick
+  std::vector<uint8_t> changed_;    // (nodes) its light, since the last tick
+  std::vector<uint8_t> disturbed_;  // (nodes) what its mean is made of, since it was found
+  std::vector<uint8_t> used_;       // (nodes) the passes that read it since the last sweep
+  std::vector<uint8_t> known_;      // (nodes) ALL_PIXELS read it before that, or asked for it
+  std::vector<uint8_t> read_;       // (nodes) while readers are taken
+  std::vector<uint8_t> phase_;      // (nodes) high bits of the hash
   std::vector<NodeSlot> slots_;
   std::vector<int32_t> due_;
+  std::vector<uint8_t> lit_anew_;  // of those that were traced: another light than before
   std::vector<NodeRequest> wanted_;
   std::vector<Worker> workers_;
   float lamp_x_[LAMP_POINTS], lamp_y_[LAMP_POINTS];
   std::vector<int> lamp_order_;  // (geoms that ever glowed, LAMP_POINTS)
   std::vector<int> lamps_;       // those geoms
   IrradianceView view_ = {};
+  bool has_edges_ = false;  // nodes may begin to count because pixels read them
   long tick_ = 0;
   int coarser_ = 0;  // by how many levels
   long paths_ = 0;   // traced so far

@@ -11,11 +11,11 @@ namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Rows of a sample: 16 numbers each.
-constexpr int KEPT_HEAD = 0;     // KeptHead
-constexpr int KEPT_SHARE = 1;    // of the second cells
-constexpr int KEPT_CELLS = 2;    // x, y and four nodes, twice
-constexpr int KEPT_WEIGHT = 14;  // of the surface, in front of what shines through haze
-constexpr int KEPT_LIGHT = 15;   // by channel: light of lamps, reflectance, mirror image, haze
+constexpr int KEPT_HEAD = 0;    // KeptHead
+constexpr int KEPT_SHARE = 1;   // of the second cells
+constexpr int KEPT_CELLS = 2;   // x, y and four nodes' places in KeptNodes, a byte each; twice
+constexpr int KEPT_WEIGHT = 8;  // of the surface, in front of what shines through haze
+constexpr int KEPT_LIGHT = 9;   // by channel: light of lamps, reflectance, mirror image, haze
 
 struct KeptHead {
   uint32_t lit, mirrors, blended;  // lanes, one bit each
@@ -92,7 +92,7 @@ struct KeptWriter {
     if (surface) keep_surface<CHANNELS>(hit, at, lobes);
     store(row(KEPT_SHARE), cells.share);
     keep_cells(cells.first, KEPT_CELLS, lit);
-    keep_cells(cells.second, KEPT_CELLS + 6, cells.blended);
+    keep_cells(cells.second, KEPT_CELLS + 3, cells.blended);
     for (int c = 0; c < CHANNELS; c++) {
       store(light(0, c), lamps[c]);
       store(light(1, c), reflectance[c]);
@@ -119,14 +119,18 @@ struct KeptWriter {
   void keep_cells(const CellLanes& cells, int first, Mask lanes) {
     store(row(first), cells.x);
     store(row(first + 1), cells.y);
-    for (int k = 0; k < 4; k++) {
-      store(row(first + 2 + k), as_float(cells.node[k]));
+    Int places = splat(0);
+    for (int k = 3; k >= 0; k--) {
+      places = places * splat(256);
       for (unsigned left = to_bits(lanes); left;) {
-        int node = lane(cells.node[k], first_lane(left));
-        nodes->add(node);
-        left &= ~to_bits(cells.node[k] == splat(node));
+        int node = lane(cells.node[k], first_lane(left)), place = nodes->add(node);
+        Mask here = (cells.node[k] == splat(node)) & mask_from_bits(left);
+        left &= ~to_bits(here);
+        complete = complete && place >= 0;
+        places = select(here, places + splat(place), places);
       }
     }
+    store(row(first + 2), as_float(places));
   }
   // A mirror image that reads nothing, in `lanes`.
   template <int CHANNELS>
@@ -198,7 +202,11 @@ void read_surface(const float* rows, float step, Vec direction, KeptSurface<CHAN
 // lit, light), the light of lamps, or null where it is kept.
 template <int CHANNELS, class Lamps>
 void relight_kept(const Frame& f, const IrradianceView& cache, int column, int row,
-                  const Outputs& out, float* rows, const Lamps* lamps) {
+                  const Outputs& out, const KeptNodes& nodes, float* rows, const Lamps* lamps) {
+  // the light of its nodes, side by side
+  alignas(64) float near[4 * KeptNodes::ROOM];
+  for (int k = 0; k < nodes.count; k++)
+    __builtin_memcpy(near + 4 * k, cache.light + 4L * nodes.node[k], 4 * sizeof(float));
   Float sum = splat(0.0f), sums[CHANNELS];
   for (int c = 0; c < CHANNELS; c++) sums[c] = sum;
   for (int s = 0; s < f.samples; s++, rows += kept_rows(CHANNELS) * PACKET) {
@@ -214,9 +222,11 @@ void relight_kept(const Frame& f, const IrradianceView& cache, int column, int r
         for (int c = 0; c < CHANNELS; c++) store(rows + (KEPT_LIGHT + c) * PACKET, light[c]);
       }
       auto cells = [&](int i) {
-        CellLanes at = {{}, kept(i), kept(i + 1)};
-        for (int k = 0; k < 4; k++) at.node[k] = as_int(kept(i + 2 + k));
-        return at;
+        Int places = as_int(kept(i + 2)), byte = splat(255);
+        return CellLanes{{places & byte, shift_right<8>(places) & byte,
+                          shift_right<16>(places) & byte, shift_right<24>(places) & byte},
+                         kept(i),
+                         kept(i + 1)};
       };
       CacheCells at;
       at.first = cells(KEPT_CELLS);
@@ -224,10 +234,10 @@ void relight_kept(const Frame& f, const IrradianceView& cache, int column, int r
       at.share = splat(0.0f);
       if (head.blended) {
         at.share = kept(KEPT_SHARE);
-        at.second = cells(KEPT_CELLS + 6);
+        at.second = cells(KEPT_CELLS + 3);
       }
       Received received = {};
-      read_cells<(CHANNELS >= 3)>(cache, at, lit, received);
+      read_cells<(CHANNELS >= 3)>(near, at, lit, received);
       for (int c = 0; c < CHANNELS; c++)
         light[c] = of(0, c) + of(1, c) * of_channel<CHANNELS>(f, received, c);
       for (int c = 0; c < CHANNELS && head.mirrors; c++)

@@ -185,10 +185,10 @@ inline void find_cells(const IrradianceView& cache, NodeRequests& requests, cons
   }
 }
 
-// Interpolate component `c` of the nodes' light.
-EVS_INLINE Float interpolate(const IrradianceView& cache, const CellLanes& cells, int c) {
+// Interpolate component `c` of the nodes' light, (nodes, 4).
+EVS_INLINE Float interpolate(const float* nodes, const CellLanes& cells, int c) {
   Float corner[4];
-  for (int k = 0; k < 4; k++) corner[k] = gather(cache.light + c, cells.node[k] * splat(4));
+  for (int k = 0; k < 4; k++) corner[k] = gather(nodes + c, cells.node[k] * splat(4));
   Float low = corner[0] + (corner[1] - corner[0]) * cells.x;
   Float high = corner[2] + (corner[3] - corner[2]) * cells.x;
   return low + (high - low) * cells.y;
@@ -201,17 +201,16 @@ struct CacheCells {
   Mask blended;  // lanes that read both
 };
 
-// Read the irradiance over pi there; its colours only where COLOURS.
+// Read the irradiance over pi there; its colours only where COLOURS. In: the nodes' light.
 template <bool COLOURS>
-EVS_INLINE void read_cells(const IrradianceView& cache, const CacheCells& cells, Mask lit,
-                           Received& out) {
+EVS_INLINE void read_cells(const float* nodes, const CacheCells& cells, Mask lit, Received& out) {
   constexpr int GREY = 3;
   bool blended = any(cells.blended);
   for (int c = COLOURS ? 0 : GREY; c <= GREY; c++) {
     Float light =
-        select(lit, interpolate(cache, cells.first, c) * (1.0f - cells.share), splat(0.0f));
+        select(lit, interpolate(nodes, cells.first, c) * (1.0f - cells.share), splat(0.0f));
     if (blended) {
-      Float second = light + interpolate(cache, cells.second, c) * cells.share;
+      Float second = light + interpolate(nodes, cells.second, c) * cells.share;
       light = select(cells.blended, second, light);
     }
     (c == GREY ? out.luminance : out.colour[c]) = light;
