@@ -46,6 +46,7 @@ FEATURES = (
     Feature(
         "texture_filter", "render", "images read at several points of the area that a pixel covers"
     ),
+    Feature("outlines", "render", "outlines of shapes blended by the area that they cover"),
     Feature("sky", "render", "an image where rays meet nothing"),
     Feature("fog", "render", "fog between surface and camera"),
     Feature("haze", "render", "haze below the horizon of an infinite plane"),
@@ -90,8 +91,8 @@ FEATURES = (
 NAMES = tuple(feature.name for feature in FEATURES)
 
 NATIVE = (
-    *("colour", "physical_gloss", "normal_maps", "texture_filter", "fog", "haze", "shadows"),
-    *("plane_shadows", "full_retrace", "refits", "glowing", "transparent"),
+    *("colour", "physical_gloss", "normal_maps", "texture_filter", "outlines", "fog"),
+    *("haze", "shadows", "plane_shadows", "full_retrace", "refits", "glowing", "transparent"),
     *("hierarchy", "light_reach", "cached_light"),
 )
 """Those that the native tracer decides: core/render/feature_flags.h."""

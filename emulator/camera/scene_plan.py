@@ -330,6 +330,9 @@ def _surfaces(has: Contents, render: RenderConfig) -> dict[str, Why]:
         "physical_gloss": Why(lobes, "no material is physical or has maps"),
         "normal_maps": Why(f"materials that have one: {has.bumpy}", "no material has a normal map"),
         "texture_filter": Why("surfaces have images or maps", "no surface has an image or a map"),
+        "outlines": Why(
+            "shapes that are not meshes", "path, a lens or no such shape: outlines are sampled"
+        ),
         "glowing": Why(
             f"surfaces that glow: {has.glowing}", "no surface glows" if path else of_paths
         ),

@@ -116,6 +116,7 @@ FeatureFlags Caster::features() const {
   on[LOBES] = scene_.frame.lobes;
   on[NORMAL_MAPS] = scene_.frame.normal_mapped;
   on[TEXTURE_FILTER] = scene_.frame.probes > 0;
+  on[OUTLINES] = scene_.frame.outlines;
   on[FOG] = scene_.frame.medium.fog;
   on[HAZE] = scene_.frame.medium.haze;
   on[SHADOWS] = casting;

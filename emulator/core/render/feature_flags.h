@@ -13,6 +13,7 @@ enum Feature {
   LOBES,           // GGX lobes: physical materials, maps
   NORMAL_MAPS,     // normal mapping
   TEXTURE_FILTER,  // anisotropic filtering along camera rays
+  OUTLINES,        // outlines of shapes cover parts of what samples stand for
   FOG,
   HAZE,
   SHADOWS,        // shadow rays
@@ -28,9 +29,9 @@ enum Feature {
 };
 
 constexpr const char* FEATURE_NAMES[FEATURE_COUNT] = {
-    "colour",  "physical_gloss", "normal_maps",   "texture_filter", "fog",
-    "haze",    "shadows",        "plane_shadows", "full_retrace",   "refits",
-    "glowing", "transparent",    "hierarchy",     "light_reach",    "cached_light"};
+    "colour",      "physical_gloss", "normal_maps",   "texture_filter", "outlines", "fog",
+    "haze",        "shadows",        "plane_shadows", "full_retrace",   "refits",   "glowing",
+    "transparent", "hierarchy",      "light_reach",   "cached_light"};
 
 using FeatureFlags = std::map<std::string, bool>;
 

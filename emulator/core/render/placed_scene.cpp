@@ -133,6 +133,11 @@ void PlacedScene::set_frame(const Optics& optics, const Tracing& tracing) {
   std::copy(appearance.weights, appearance.weights + MAX_CHANNELS, frame.weights);
   frame.lobes = forced_.decide(LOBES, appearance.layered || tracing.path || tracing.hybrid);
   if (forced_.decide(TEXTURE_FILTER, appearance.textured)) frame.probes = probes_of(samples);
+  const bool pinhole = !frame.lens && !frame.orthographic;
+  bool outlines = std::any_of(geoms.begin(), geoms.end(),
+                              [](const Geom& g) { return g.shape != MESH && g.shape != HFIELD; });
+  frame.outlines = pinhole && forced_.decide(OUTLINES, outlines && !tracing.path);
+  if (frame.outlines && !(tracing.adaptive && samples > 1)) set_cells(samples, frame);
   frame.normal_mapped = forced_.decide(NORMAL_MAPS, appearance.normal_mapped);
   if (forced_.off(FOG)) appearance.medium.fog = false;
   if (forced_.off(HAZE)) appearance.medium.haze = false;

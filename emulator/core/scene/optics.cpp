@@ -4,6 +4,14 @@
 #include <cmath>
 
 namespace evs {
+
+void set_cells(int samples, Frame& frame) {
+  const float across = std::sqrt(static_cast<float>(samples));
+  frame.cell_x = 1.0f / (frame.fx * across);
+  frame.cell_y = 1.0f / (frame.fy * across);
+  frame.outline_reach = 0.525f * std::hypot(frame.cell_x, frame.cell_y);
+}
+
 namespace {
 
 // Open a cone. Past 60 degrees it bounds everything.
@@ -43,7 +51,11 @@ RayCone primary_cone(const Frame& f, int column, int row) {
     least = std::min(least, d[i][0] * d[4][0] + d[i][1] * d[4][1] + d[i][2] * d[4][2]);
   cone.axis = {static_cast<float>(d[4][0]), static_cast<float>(d[4][1]),
                static_cast<float>(d[4][2])};
-  open_cone(cone, std::acos(std::min(least, 1.0)) * 1.001 + 1e-6);
+  // what the pixels of its edge stand for
+  Frame whole = f;
+  set_cells(1, whole);
+  double room = 1.1 * static_cast<double>(whole.outline_reach);
+  open_cone(cone, std::min(std::acos(std::min(least, 1.0)) * 1.001 + room + 1e-6, 1.5));
   return cone;
 }
 

@@ -32,6 +32,9 @@ void sample_points(int count, std::vector<float>& x, std::vector<float>& y);
 // lie as densely as those of one sample.
 int probes_of(int samples);
 
+// Let a pinhole's samples blend outlines over their cells: the frame's cells.
+void set_cells(int samples, Frame& frame);
+
 // Out: the sampling, and the camera's part of `frame`, which points into it.
 void set_optics(const Optics& optics, int samples, Sampling& sampling, Frame& frame);
 

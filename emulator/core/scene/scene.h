@@ -218,6 +218,11 @@ struct Frame {
   int taps;
   const float *tap_x, *tap_y;  // px from the sample
   float tap_width;             // footprint of a tap, as a share of the sample's
+  bool outlines;               // those of shapes are blended in the first pass, or in the only one
+  // What a sample stands for at depth 1, m, and half its diagonal, with some room; 0: no outline is
+  // blended over it.
+  float cell_x, cell_y, outline_reach;
+  bool marks_blended;  // `untextured` is below 0 where outlines are blended
   const RayCone*
       primary;  // (packet rows, packet columns): the bounding cone of each packet's primary rays
   const RayCone* pairs;  // (packet rows, packet columns / 2): of two adjacent packets; or null

@@ -1,7 +1,7 @@
-"""A camera that creeps over a checker: events of each renderer against the exact area that each
-pixel covers, in float64.
+"""A camera that creeps over a checker, and past the outlines of shapes: events of each renderer
+against the exact area that each pixel covers, in float64, or against 1,024 samples of it.
 
-lab/docs/sampling.md has the table of
+lab/docs/sampling.md has the tables of
 `.venv/bin/pytest -m bench -s lab/tests/bench/test_creep_study.py`.
 """
 
@@ -44,6 +44,25 @@ def linear(coded: float) -> float:
     return ((round(255 * coded) / 255 + 0.055) / 1.055) ** 2.4
 
 
+def film_of(xml: str, at: list[np.ndarray], zoom: int = 1, **render: object) -> np.ndarray:
+    """Light of a camera at these places, (ticks, h, w), of zoom x zoom pixels for each."""
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    camera = evs.EventCamera(
+        model, "eye", sensor=evs.SensorConfig("ideal", width=zoom * WIDTH, height=zoom * HEIGHT),
+        render=evs.RenderConfig(**render),  # type: ignore[arg-type]
+    )  # fmt: skip
+    out = []
+    for tick, position in enumerate(at):
+        data.time = 1e-3 * tick
+        data.mocap_pos[0] = position
+        mujoco.mj_forward(model, data)
+        camera.observe(data)
+        light = np.array(camera.luminance, np.float64)
+        out.append(light.reshape(HEIGHT, zoom, WIDTH, zoom).mean((1, 3)))
+    return np.array(out)
+
+
 class Creep:
     """The plane, and a camera without roll that moves forward."""
 
@@ -67,20 +86,7 @@ class Creep:
         return at[0] + depth * ray[..., 0], at[1] + depth * ray[..., 1], depth
 
     def film(self, material: str, **render: object) -> np.ndarray:
-        model = mujoco.MjModel.from_xml_string(XML.format(material))
-        data = mujoco.MjData(model)
-        camera = evs.EventCamera(
-            model, "eye", sensor=evs.SensorConfig("ideal", width=WIDTH, height=HEIGHT),
-            render=evs.RenderConfig(**render),  # type: ignore[arg-type]
-        )  # fmt: skip
-        out = []
-        for tick, position in enumerate(self.at):
-            data.time = 1e-3 * tick
-            data.mocap_pos[0] = position
-            mujoco.mj_forward(model, data)
-            camera.observe(data)
-            out.append(np.array(camera.luminance, np.float64))
-        return np.array(out)
+        return film_of(XML.format(material), self.at, **render)
 
     def exact(self, at: np.ndarray) -> np.ndarray:
         """Mean of the checker, +-1 in squares of 0.5 m, over each pixel: exact along its rows, and
@@ -115,13 +121,27 @@ class Creep:
         return out
 
     def events(self, film: np.ndarray) -> Events:
-        pixels = evs.Pixels("ideal", size=(WIDTH, HEIGHT))
-        out = []
-        for tick, light in enumerate(film):
-            light = np.where(self.inside, light, 0.3).astype(np.float32)
-            out.append(np.array(pixels.observe(light, 1000 * (tick + 1))))
-        events = np.concatenate(out)
-        return events[events["t"] > SETTLE_US]
+        return events_of(np.where(self.inside, film, 0.3))
+
+
+def events_of(film: np.ndarray) -> Events:
+    pixels = evs.Pixels("ideal", size=(WIDTH, HEIGHT))
+    out = [
+        np.array(pixels.observe(light.astype(np.float32), 1000 * (tick + 1)))
+        for tick, light in enumerate(film)
+    ]
+    events = np.concatenate(out)
+    return events[events["t"] > SETTLE_US]
+
+
+def print_scores(name: str, film: np.ndarray, truth: Events, error: np.ndarray) -> float:
+    """Print a row. Returns the lower of recall and precision within 3 ms."""
+    events = events_of(film)
+    scores = [match_events(events, truth, 1000 * ms, 1) for ms in (3, 10)]
+    line = "   ".join(f"R {s.recall:.2f} P {s.precision:.2f}" for s in scores)
+    rms = np.sqrt(((error / 0.2) ** 2).mean())
+    print(f"  {name:22} {len(events):5} {line}   {rms:.3f}", flush=True)
+    return min(scores[0].recall, scores[0].precision)
 
 
 @pytest.mark.bench
@@ -139,9 +159,40 @@ def test_events_of_a_creep(speed_m_s: float) -> None:
     truth = creep.events(area)
     print(f"\n{speed_m_s} m/s: {len(truth)} events of the exact area")
     for name, film in films.items():
-        events = creep.events(film)
-        scores = [match_events(events, truth, 1000 * ms, 1) for ms in (3, 10)]
-        line = "   ".join(f"R {s.recall:.2f} P {s.precision:.2f}" for s in scores)
-        error = np.log(film / area)[:, creep.inside] / 0.2
-        print(f"  {name:22} {len(events):5} {line}   {np.sqrt((error**2).mean()):.3f}", flush=True)
-        assert min(scores[0].recall, scores[0].precision) > 0.75
+        seen = np.where(creep.inside, film, 0.3)
+        assert print_scores(name, seen, truth, np.log(film / area)[:, creep.inside]) > 0.75
+
+
+OUTLINES = """<mujoco>
+  <visual><headlight ambient=".4 .4 .4" diffuse=".3 .3 .3" specular="0 0 0"/></visual>
+  <asset><texture type="skybox" builtin="flat" rgb1=".4 .4 .4" width="8" height="48"/></asset>
+  <default><geom rgba=".9 .9 .9 1"/></default><worldbody>
+  <light pos="1 -1 3" dir="-.2 .2 -1" diffuse=".5 .5 .5" specular="0 0 0" castshadow="{}"/>
+  <geom type="plane" size="4 4 1" rgba=".2 .2 .2 1"/>
+  <geom pos=".1 0 .45" {}/>
+  <body name="rider" mocap="true"><camera name="eye" xyaxes="1 0 0 0 .35 1" fovy="50"/></body>
+  </worldbody></mujoco>"""
+SHAPES = {
+    "sphere": 'type="sphere" size=".25"',
+    "capsule": 'type="capsule" size=".1 .3" euler="20 40 0"',
+    "ellipsoid": 'type="ellipsoid" size=".15 .25 .1" euler="60 30 0"',
+    "cylinder": 'type="cylinder" size=".15 .25" euler="60 30 0"',
+    "box": 'type="box" size=".2 .15 .25" euler="10 20 30"',
+}
+
+
+@pytest.mark.bench
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", [*SHAPES, "shadow"])
+@pytest.mark.parametrize("speed_m_s", [0.1, 0.02])
+def test_events_of_an_outline(shape: str, speed_m_s: float) -> None:
+    xml = OUTLINES.format(
+        "true" if shape == "shadow" else "false", SHAPES.get(shape, SHAPES["box"])
+    )
+    at = [np.array([0.013 + 1e-3 * t * speed_m_s, -1.2, 0.5]) for t in range(TICKS)]
+    area = film_of(xml, at, 8, renderer="direct", spp=16)
+    truth = events_of(area)
+    print(f"\n{shape}, {speed_m_s} m/s: {len(truth)} events of 1,024 samples")
+    for name, render in RENDERERS.items():
+        film = film_of(xml, at, **render)
+        print_scores(name, film, truth, np.log(film / area))

@@ -1,4 +1,7 @@
-"""Contrast-adaptive antialiasing: all samples at edges, one elsewhere, and no jump in between."""
+"""Contrast-adaptive antialiasing: all samples at edges, one elsewhere, and no jump in between.
+
+Outlines of shapes are no such edges (test_render_outlines.py), so tests of edges leave them out.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.sensor import resolve_sensor
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import Events, EvsError, join_events
+from reference.scenes import SAMPLED_OUTLINES
 
 WIDTH, HEIGHT = 67, 45  # no multiple of a packet
 
@@ -81,7 +85,10 @@ def pan(poses: int, step_px: float, angle: float, **render: object) -> F32:
     bound = bind_camera(model, "", WIDTH, HEIGHT, view)
     frame: SceneSnapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
     rest = frame.cameras[0]
-    renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(**render), 1)  # type: ignore[arg-type]
+    config = RenderConfig(**render)  # type: ignore[arg-type]
+    renderer = NativeRenderer(
+        extract_scene(model), bound.model, config, 1, switches=SAMPLED_OUTLINES
+    )
     right = rest.mat.reshape(3, 3)[:, 0] * 2.5 / bound.model.fx
     return np.stack([
         renderer.render(frame, CameraPose(rest.pos + right * (step_px * k), rest.mat)).copy()
@@ -183,7 +190,9 @@ def test_light_that_bends_more_and_more_is_blended_in() -> None:
         frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
         for mode, taken in frames.items():
             config = RenderConfig(spp=16, antialiasing=mode)
-            renderer = NativeRenderer(extract_scene(model), bound.model, config, 1)
+            renderer = NativeRenderer(
+                extract_scene(model), bound.model, config, 1, switches=SAMPLED_OUTLINES
+            )
             taken.append(renderer.render(frame, frame.cameras[0]).copy())
     light, full = np.stack(frames["adaptive"]), np.stack(frames["fixed"])
     # at first one sample stands for all, in the end all are there
@@ -213,7 +222,8 @@ def test_events_are_those_of_16_samples_everywhere() -> None:
     sensor = resolve_sensor(pixels)
 
     def events(**render: object):
-        renderer = NativeRenderer(scene, camera, RenderConfig(**render), 1)  # type: ignore[arg-type]
+        config = RenderConfig(**render)  # type: ignore[arg-type]
+        renderer = NativeRenderer(scene, camera, config, 1, switches=SAMPLED_OUTLINES)
         model = make_event_model(sensor, ModelConfig(), 1)
         state, parts = model.init(0), []
         for frame in frames:

@@ -11,6 +11,7 @@ from evs.emulator.base.scene import SceneSnapshot
 from evs.emulator.config import RenderConfig
 from evs.emulator.render import make_renderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
+from reference.scenes import SAMPLED_OUTLINES
 
 F64 = npt.NDArray[np.float64]
 WIDTH, HEIGHT = 40, 30
@@ -39,7 +40,7 @@ class Scene:
 
     def renderer(self, renderer: str = "hybrid", **render: object):  # type: ignore[no-untyped-def]
         config = RenderConfig(**{"renderer": renderer, "spp": 1, **render})  # type: ignore[arg-type]
-        return make_renderer(self.scene, self.bound.model, config, 1)
+        return make_renderer(self.scene, self.bound.model, config, 1, switches=SAMPLED_OUTLINES)
 
 
 def surface_of(shape: str, size: F64, n: int = 120) -> tuple[F64, F64, F64]:

@@ -21,6 +21,7 @@ from evs.emulator.config import CameraConfig, FlickerConfig, RenderConfig, Senso
 from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from reference.edited import LARGE, SMALL, stage
+from reference.scenes import SAMPLED_OUTLINES
 from reference.stage import Builder, Stage, matt, turned
 
 HYBRID = RenderConfig(renderer="hybrid", spp=1)
@@ -97,7 +98,7 @@ class Room:
     def renderer(self, cached: bool = True, **render: object) -> NativeRenderer:
         """A renderer that has seen nothing yet; `cached`: whether cached light shows."""
         config = replace(HYBRID, **render)  # type: ignore[arg-type]
-        off = frozenset() if cached else frozenset({"cached_light"})
+        off = SAMPLED_OUTLINES.off | (frozenset() if cached else {"cached_light"})
         made = make_renderer(self.scene, self.bound.model, config, 1, switches=Switches(off=off))
         assert isinstance(made, NativeRenderer)
         return made

@@ -6,10 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
+from reference.scenes import SAMPLED_OUTLINES
 
 DARK = '<visual><headlight active="0"/></visual>'
 MATT = '<material name="matt" specular="0" rgba="{0} {0} {0} 1"/>'
@@ -21,14 +23,18 @@ def linear(coded: float) -> float:
 
 
 def light_of(
-    xml: str, size: int = 32, view: CameraConfig | None = None, **render: object
+    xml: str,
+    size: int = 32,
+    view: CameraConfig | None = None,
+    switches: Switches = UNFORCED,
+    **render: object,
 ) -> np.ndarray:
     """(size, size) luminance of an MJCF, seen by its first camera."""
     model = mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
     bound = bind_camera(model, "", size, size, view)
     frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
     config = RenderConfig(**{"spp": 1, **render})  # type: ignore[arg-type]
-    renderer = NativeRenderer(extract_scene(model), bound.model, config, 1)
+    renderer = NativeRenderer(extract_scene(model), bound.model, config, 1, switches=switches)
     return renderer.render(frame, frame.cameras[0]).astype(np.float64)
 
 
@@ -214,7 +220,9 @@ def test_a_mirror_shows_what_stands_on_it() -> None:
         <camera pos="0 -4 1" xyaxes="1 0 0 0 0.2425 .9701" fovy="40"/>
         <geom type="plane" size="9 9 .1" material="mirror"/>
         <geom type="sphere" size=".4" pos="0 0 1" material="glow"/></worldbody>"""
-    without, half = light_of(xml.format(0), 64), light_of(xml.format(0.5), 64)
+    without, half = (
+        light_of(xml.format(share), 64, switches=SAMPLED_OUTLINES) for share in (0, 0.5)
+    )
     np.testing.assert_allclose(np.unique(without), [0, 1], atol=1e-6)
     image = half - without
     # the mirrored ball is about as large as the ball, half as bright and below it

@@ -19,7 +19,7 @@ from evs.emulator.base.scene import (
 )
 from evs.emulator.config import RenderConfig
 from evs.emulator.render import NativeRenderer
-from reference.scenes import camera_of, scene_of, shot_of
+from reference.scenes import SAMPLED_OUTLINES, camera_of, scene_of, shot_of
 
 pytestmark = pytest.mark.property
 
@@ -70,7 +70,8 @@ class Look:
         camera = camera_of(SIZE, SIZE, 1.3 * SIZE)
         pose = CameraPose(place + back, axes.reshape(9))
         shot = shot_of(scene, place, self.turn)
-        renderer = NativeRenderer(scene, camera, RenderConfig(spp=1), 1)
+        config = RenderConfig(spp=1)
+        renderer = NativeRenderer(scene, camera, config, 1, switches=SAMPLED_OUTLINES)
         self.light = renderer.render(shot, pose).copy()
         index, distance = renderer.hits(shot, pose)
         self.hit = index == 0

@@ -10,6 +10,7 @@ from evs.emulator import _core
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
+from reference.scenes import SAMPLED_OUTLINES
 
 GLOW = '<material name="{0}" emission="1" specular="0" rgba="{1} {1} {1} {2}"/>'
 
@@ -76,7 +77,8 @@ def test_a_transparent_mirror_is_no_mirror() -> None:
         model = mujoco.MjModel.from_xml_string(xml.format(alpha))
         bound = bind_camera(model, "", 48, 48)
         frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-        renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
+        config, scene = RenderConfig(spp=1), extract_scene(model)
+        renderer = NativeRenderer(scene, bound.model, config, 1, switches=SAMPLED_OUTLINES)
         light = renderer.render(frame, frame.cameras[0])
         np.testing.assert_allclose(np.unique(light), values, atol=1e-6)
 

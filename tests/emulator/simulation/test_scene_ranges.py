@@ -411,9 +411,9 @@ def test_worlds_with_meshes_and_textures_have_the_bytes_of_single_worlds(way: st
     scenes = [ranges.draw(2, episode).values for episode in range(3)]
     step_both(worlds, alone, ticks=2)
     reset_both(worlds, alone, [0, 2], [5, 6], scenes[:2])
-    assert step_both(worlds, alone, ticks=4) > 0
+    assert step_both(worlds, alone, ticks=12) > 0
     reset_both(worlds, alone, [0, 1, 2], [1, 2, 3], scenes)
-    assert step_both(worlds, alone, ticks=4) > 0
+    assert step_both(worlds, alone, ticks=12) > 0
     assert_same_states(worlds, alone)
     for number in range(3):
         (one,) = worlds.world(number).cameras

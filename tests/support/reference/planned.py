@@ -130,6 +130,7 @@ NEEDS = {
         }
     ),
     "texture_filter": PLAIN,
+    "outlines": PLAIN,
     "sky": Film({"asset": SKY}),
     "fog": Film(
         {"visual": '<map fogstart=".2" fogend=".6"/><rgba fog=".9 .9 .9 1"/>'}, {"fog": True}

@@ -8,9 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from evs.emulator.base.features import Switches
 from evs.emulator.base.scene import CameraModel, Light, LightKind, SceneModel, SceneSnapshot, Shape
 
 SUN = Light(LightKind.DIRECTIONAL)
+SAMPLED_OUTLINES = Switches(off=frozenset({"outlines"}))
+"""for tests of what each ray meets"""
 
 
 def scene_of(

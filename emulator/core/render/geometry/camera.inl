@@ -1,7 +1,8 @@
 // Camera rays: pinhole, orthographic, or a lens given as one direction at each pixel corner.
 #pragma once
 
-#include "render/geometry/rays.inl"
+#include "render/geometry/outlines.inl"
+#include "render/geometry/ray_cone.inl"
 #include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
@@ -49,6 +50,42 @@ EVS_INLINE Rays rays_through(const Frame& f, Float px, Float py) {
   Float x = (px - f.cx) * (1.0f / f.fx), y = (f.cy - py) * (1.0f / f.fy);
   if (f.orthographic) return {{x, y, zero}, {zero, zero, back}, false, true};
   return {{zero, zero, zero}, normalize({x, y, back}), true, true};
+}
+
+// From a ray to the middle of its cell, of `cells` by `cells` in a pixel: sides of a cell. Zero
+// where the samples lie in no such grid.
+EVS_INLINE void to_middle(const Frame& f, const Rays& rays, int cells, Float& x, Float& y) {
+  if (cells == 0) return;
+  Vec d = rays.direction;
+  // which pixel it is does not count
+  float cx = f.cx - __builtin_floorf(f.cx), cy = f.cy - __builtin_floorf(f.cy);
+  Float column = cx + d.x / -d.z * f.fx, row = cy + d.y / d.z * f.fy;
+  if (f.orthographic) column = cx + rays.origin.x * f.fx, row = cy - rays.origin.y * f.fy;
+  column = column * static_cast<float>(cells);
+  row = row * static_cast<float>(cells);
+  x = floor(column) + 0.5f - column;
+  y = row - floor(row) - 0.5f;
+}
+
+// What camera rays stand for, where outlines are blended.
+EVS_INLINE CellRays cell_rays(const Frame& f, const Rays& rays) {
+  CellRays cells = {rays.direction, rays.direction.z * -f.cell_x, rays.direction.z * -f.cell_y};
+  if (f.cells > 1 && f.samples > 1) {
+    Float x, y;
+    to_middle(f, rays, f.cells, x, y);
+    cells.direction = normalize(cells.direction + Vec{cells.x * x, cells.y * y, splat(0.0f)});
+  }
+  return cells;
+}
+
+// The cone of single rays of the camera, and of what they stand for.
+EVS_INLINE RayCone camera_cone(const Frame& f, const Rays& rays) {
+  float square;
+  Mask all = mask_from_bits(ALL_LANES);
+  RayCone cone =
+      ray_cone(bounding_box(rays.origin, 0.0f, all), rays.direction, all, T_INFINITY, square);
+  if (f.outline_reach > 0) open_cone(cone, square, OUTLINE_ROOM * f.outline_reach);
+  return cone;
 }
 
 // Where the rays of the camera begin: a near plane clips what is nearer, as in MuJoCo's pictures.

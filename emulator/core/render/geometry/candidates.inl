@@ -127,9 +127,10 @@ EVS_INLINE unsigned candidates(const Frame& f, int k, int end, const RayCone& co
 
 constexpr float BUNDLE_CHORD = 0.05f;  // between directions of one bundle
 
-// Add the geoms that the rays of `active` may touch before `t_max`. In: a cone around all of them.
+// Add the geoms that the rays of `active` may touch before `t_max`, or may come near: `reach` times
+// as near as they are far. In: a cone around all of that.
 inline void find_candidates(const GeomBvh& bvh, const Rays& rays, const RayCone& cone, Mask active,
-                            Float t_max, GeomSet& found) {
+                            Float t_max, float reach, GeomSet& found) {
   if (!is_wide(cone) && cone.radius <= bvh.fine) return find_geoms(bvh, cone, found);
   // a thick cone touches too much: take the rays in bundles
   while (any(active)) {
@@ -144,10 +145,13 @@ inline void find_candidates(const GeomBvh& bvh, const Rays& rays, const RayCone&
     Vec apart = rays.origin - splat(bundle.center), turned = rays.direction - splat(bundle.axis);
     Mask near = active & (dot(apart, apart) <= bvh.fine * bvh.fine) &
                 (dot(turned, turned) <= BUNDLE_CHORD * BUNDLE_CHORD);
+    float square = 0;
     if (to_bits(near) & (to_bits(near) - 1)) {
       float length = reduce_max(select(near, t_max, splat(0.0f)));
-      bundle = ray_cone(rays.origin, rays.direction, near, length);
+      BoundingBox starts = bounding_box(rays.origin, 0.0f, near);
+      bundle = ray_cone(starts, rays.direction, near, length, square);
     }
+    if (reach > 0) open_cone(bundle, square, reach);
     find_geoms(bvh, bundle, found);
     // a ray that is not finite is near none
     active = active & ~(near | mask_from_bits(1u << i));

@@ -3,7 +3,7 @@
 
 #include "render/geometry/bvh_traversal.inl"
 #include "render/geometry/candidates.inl"
-#include "render/geometry/shapes.inl"
+#include "render/geometry/outlines.inl"
 #include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {
@@ -14,16 +14,17 @@ EVS_INLINE Vec local_origin(const Geom& g, const Rays& rays) {
   return to_local(g.rotation, rays.origin - splat(g.position));
 }
 
-// Can a ray of `active` touch the bounding sphere of geom `index`? The slack is that of
-// `cone_touches`.
-EVS_INLINE bool any_ray_near(const Frame& f, int index, const Rays& rays, Mask active) {
-  if (f.geoms[index].shape == PLANE) return true;
+// The lanes that come near the bounding sphere of geom `index`: by `reach` in a camera's image at
+// depth 1. The slack is that of `cone_touches`.
+EVS_INLINE Mask rays_near(const Frame& f, int index, const Rays& rays, float reach, Mask active) {
+  if (f.geoms[index].shape == PLANE) return active;
   const BoundingSphereArray& b = f.bounds;
   Vec v = splat(V3{b.x[index], b.y[index], b.z[index]}) - rays.origin;
   Float along = dot(v, rays.direction);
   Vec across = v - rays.direction * along;
-  Float reach = abs(along) * 2e-6f + b.radius[index] * 1.000002f;
-  return any(active & (along >= -reach) & (dot(across, across) <= reach * reach));
+  Float wide = abs(rays.direction.z) * reach + 2e-6f;
+  Float slack = abs(along) * wide + b.radius[index] * 1.000002f;
+  return active & (along >= -slack) & (dot(across, across) <= slack * slack);
 }
 
 // What rays have passed through: the last hits, whose distance is `t_min`, and their geoms' ranks.
@@ -63,15 +64,39 @@ EVS_INLINE Mask wins(const Frame& f, const Geom& g, Float t, const Hit& hit, Mas
   return near & ~(tie & ~(rank_of(f, hit.geom) < splat(g.rank)));
 }
 
+// The first hits of camera rays, and how much of their cells is covered by what they hit.
+struct CoveredHit : Hit {
+  static constexpr bool COVERS = true;
+  Coverage coverage;
+  CellRays cells;  // of the rays
+};
+
+// Let rays that pass a shape by hit it where it covers a part of their cells. In: rays in the
+// geom's frame.
+EVS_INLINE Coverage cover(const Frame& f, int index, const Rays& rays, const CellRays& cells, Vec o,
+                          Vec d, Float& t) {
+  const Geom& g = f.geoms[index];
+  if (f.cells > 1 && f.samples > 1) d = to_local(g.rotation, cells.direction);
+  Outline outline = {g.rotation, cells, f.outline_reach, d, {}};
+  outline.shape(g, o);
+  const Coverage& c = outline.covered;
+  Mask beside = ~(t < T_INFINITY) & (c.share > 0.0f) & (c.share < 1.0f) & (c.distance > 0.0f);
+  if (any(beside)) beside = rays_near(f, index, rays, f.outline_reach, beside);
+  t = select(beside, c.distance, select(c.share > 0.0f, t, splat(T_INFINITY)));
+  return c;
+}
+
 // Keep the hits of geom `index` that are nearer.
+template <class AnyHit>
 EVS_INLINE void intersect_geom(const Frame& f, int index, const Rays& rays, const Passed& passed,
-                               bool layered, Hit& hit) {
+                               bool layered, AnyHit& hit) {
   // transform the rays to the geom's frame
   const Geom& g = f.geoms[index];
   Vec o = local_origin(g, rays), d = to_local(g.rotation, rays.direction);
   Float t_min = begin_of(g, passed, layered), t;
   Float t_max = hit.distance * (1.0f + COINCIDENT);
   Mask near;
+  Coverage coverage;
   if (g.shape == MESH || g.shape == HFIELD) {
     Hit found = hit;
     found.distance = t_max;
@@ -85,6 +110,9 @@ EVS_INLINE void intersect_geom(const Frame& f, int index, const Rays& rays, cons
     hit.v = select(near, found.v, hit.v);
   } else {
     t = intersect_shape(g, o, d);
+    if constexpr (AnyHit::COVERS) {
+      if (f.outline_reach > 0) coverage = cover(f, index, rays, hit.cells, o, d, t);
+    }
     near = (t < min(t_max, splat(T_INFINITY))) & (t > t_min);
     if (!any(near)) return;
     near = wins(f, g, t, hit, near);
@@ -92,14 +120,17 @@ EVS_INLINE void intersect_geom(const Frame& f, int index, const Rays& rays, cons
   // the nearer of two that coincide is outside of both
   hit.distance = select(near, min(t, hit.distance), hit.distance);
   hit.geom = select(near, splat(index), hit.geom);
+  if constexpr (AnyHit::COVERS) hit.coverage = choose(near, coverage, hit.coverage);
 }
 
 // The rest of `intersect` in a scene of many geoms.
+template <class AnyHit>
 [[gnu::noinline]] EVS_OUTLINE void intersect_many(const Frame& f, const Rays& rays,
                                                   const RayCone& cone, Mask active,
-                                                  const Passed& passed, bool layered, Hit& hit) {
+                                                  const Passed& passed, bool layered, AnyHit& hit) {
   GeomSet found;
-  find_candidates(f.bvh, rays, cone, active, splat(T_INFINITY), found);
+  float reach = AnyHit::COVERS ? OUTLINE_ROOM * f.outline_reach : 0.0f;
+  find_candidates(f.bvh, rays, cone, active, splat(T_INFINITY), reach, found);
   found.visit([&](int index) {
     intersect_geom(f, index, rays, passed, layered, hit);
     return false;
@@ -108,22 +139,35 @@ EVS_INLINE void intersect_geom(const Frame& f, int index, const Rays& rays, cons
 
 // Find the nearest hit of the rays of `active` behind what they have passed; of hits that coincide,
 // that of the last geom of the scene. Geoms are intersected in ascending order, whatever culls
-// them. `layered`: some rays have passed through something.
-EVS_OUTLINE_IN_PATHS inline Hit intersect(const Frame& f, const Rays& rays, const RayCone& cone,
-                                          Mask active, const Passed& passed, bool layered = false) {
-  Hit hit = {select(active, splat(T_INFINITY), splat(-1.0f)), splat(-1), splat(0), splat(0.0f),
-             splat(0.0f)};
+// them. `layered`: some rays have passed through something. In/out: the hits, of nothing.
+template <class AnyHit>
+EVS_OUTLINE_IN_PATHS inline void find_hits(const Frame& f, const Rays& rays, const RayCone& cone,
+                                           Mask active, const Passed& passed, bool layered,
+                                           AnyHit& hit) {
   bool wide = is_wide(cone);
+  float reach = AnyHit::COVERS ? f.outline_reach : 0.0f;
   for (int k = 0, end = candidates_end(f, cone); k < end; k += LANES) {
     for (unsigned near = candidates(f, k, end, cone); near; near &= near - 1) {
       int index = k + first_lane(near);
-      if (wide && !any_ray_near(f, index, rays, active)) continue;
+      if (wide && !any(rays_near(f, index, rays, reach, active))) continue;
       intersect_geom(f, index, rays, passed, layered, hit);
     }
   }
   if (f.bvh.top > 0 && cone_may_touch(f.finite_bounds, cone)) {
     intersect_many(f, rays, cone, active, passed, layered, hit);
   }
+}
+
+EVS_INLINE Hit no_hit(Mask active) {
+  return {select(active, splat(T_INFINITY), splat(-1.0f)), splat(-1), splat(0), splat(0.0f),
+          splat(0.0f)};
+}
+
+// Find the nearest hits as above.
+EVS_INLINE Hit intersect(const Frame& f, const Rays& rays, const RayCone& cone, Mask active,
+                         const Passed& passed, bool layered = false) {
+  Hit hit = no_hit(active);
+  find_hits(f, rays, cone, active, passed, layered, hit);
   return hit;
 }
 
@@ -151,13 +195,34 @@ EVS_INLINE bool is_transparent(const Frame& f, int index) {
   return f.surfaces[f.geoms[index].surface].transparent();
 }
 
+// Turn the rays of `partly` to the middle of what their shape covers of their cells, and find their
+// hits there. Returns the lanes where that is not found.
+inline Mask turn_to_covered(const Frame& f, Rays& rays, CoveredHit& hit, Mask partly) {
+  const Coverage& c = hit.coverage;
+  Vec turn = {hit.cells.x * c.x, hit.cells.y * c.y, splat(0.0f)};
+  Vec turned = normalize(hit.cells.direction + turn);
+  Mask lost = mask_from_bits(0);
+  for (unsigned left = to_bits(partly); left;) {
+    int index = lane(hit.geom, first_lane(left));
+    Mask here = partly & (hit.geom == splat(index));
+    left &= ~to_bits(here);
+    const Geom& g = f.geoms[index];
+    Float t = intersect_shape(g, local_origin(g, rays), to_local(g.rotation, turned));
+    lost = lost | (here & ~(t < T_INFINITY));
+    here = here & (t < T_INFINITY);
+    hit.distance = select(here, t, hit.distance);
+    rays.direction = select(here, turned, rays.direction);
+  }
+  return lost;
+}
+
 // The rest of `occluded` in a scene of many geoms.
 template <bool BY_OPAQUE>
 [[gnu::noinline]] EVS_OUTLINE void occluded_by_many(const Frame& f, const Rays& rays,
                                                     const RayCone& cone, Mask active, Float t_max,
                                                     Int self, Mask& blocked) {
   GeomSet found;
-  find_candidates(f.bvh, rays, cone, active & ~blocked, t_max, found);
+  find_candidates(f.bvh, rays, cone, active & ~blocked, t_max, 0, found);
   found.visit([&](int index) {
     if (BY_OPAQUE && is_transparent(f, index)) return false;
     Mask tested = lanes_to_test(f, index, self, active & ~blocked);
@@ -183,7 +248,7 @@ EVS_OUTLINE_IN_PATHS Mask occluded(const Frame& f, Vec origin, Vec direction, Fl
       if (BY_OPAQUE && is_transparent(f, index)) continue;
       // skip the geom if no lane can hit it
       Mask tested = lanes_to_test(f, index, self, active & ~blocked);
-      if (!any(tested) || (wide && !any_ray_near(f, index, rays, tested))) continue;
+      if (!any(tested) || (wide && !any(rays_near(f, index, rays, 0, tested)))) continue;
       // intersect the others, until every lane is blocked
       occlude(f, index, rays, t_max, tested, blocked);
       if (!any(active & ~blocked)) return blocked;

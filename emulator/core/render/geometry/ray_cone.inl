@@ -52,6 +52,12 @@ EVS_INLINE void open_cone(RayCone& cone, float square) {
   cone.sine = chord * __builtin_sqrtf(1.0f - 0.25f * chord * chord);
 }
 
+// The same around what is near the rays: `reach` times as near as it is far.
+EVS_INLINE void open_cone(RayCone& cone, float square, float reach) {
+  float chord = __builtin_sqrtf(square) + reach;
+  open_cone(cone, chord * chord);
+}
+
 // Return half the diagonal of a box around `center`, plus the rounding of its coordinates.
 EVS_INLINE float half_diagonal(V3 center, V3 high) {
   V3 half = high - center;

@@ -14,6 +14,7 @@ struct Rays {
 };
 
 struct Hit {
+  static constexpr bool COVERS = false;
   Float distance;
   Int geom;      // -1: none
   Int triangle;  // of a mesh

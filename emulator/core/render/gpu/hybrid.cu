@@ -66,7 +66,7 @@ EVS_INLINE void light_of_pixel(const cuda::HybridShading& shading, const Frame& 
         cuda::rays_through(frame, cuda::pixel_point(&x, frame.sample_x[s], PACKET_WIDTH),
                            cuda::pixel_point(&y, frame.sample_y[s], PACKET_HEIGHT));
     cuda::Float light[CHANNELS];
-    RayCone cone = cuda::ray_cone(rays.origin, rays.direction, all, cuda::T_INFINITY);
+    RayCone cone = cuda::camera_cone(frame, rays);
     cuda::radiance<CHANNELS, 0>(shading, frame, rays, cone, all, cuda::splat(0.0f), nullptr, light);
     luminance = luminance + cuda::luminance_of<CHANNELS>(frame, light);
     untextured = untextured + light[CHANNELS - 1];

@@ -41,6 +41,8 @@ Frame Antialiasing::base_frame(const Frame& frame) const {
   f.sample_x = f.sample_y = &middle_;
   f.pixel_angle = base_angle_;
   f.channels++;
+  f.marks_blended = f.outlines;
+  if (f.outlines) set_cells(1, f);
   // the taps are those of a pinhole's pixel; with a lens the mip level alone filters
   f.taps = frame.lens ? 1 : static_cast<int>(tap_x_.size());
   f.tap_x = tap_x_.data();

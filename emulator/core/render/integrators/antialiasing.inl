@@ -15,17 +15,19 @@ constexpr float CONTRAST_LOW = 0.04f,
                 CONTRAST_HIGH = 0.12f;        // of the second difference, relative to the light
 constexpr float CONTRAST_FLOOR = 1.0f / 255;  // luminance below which contrast fades: 1 DN
 
-// Weigh by the second difference a - 2 b + c over opposite neighbours, in four directions. A NaN
-// gives some weight.
+// Weigh by the second difference a - 2 b + c over opposite neighbours, in four directions. Where an
+// outline is blended, which light below 0 marks, nothing is left to refine, there and across it. A
+// NaN gives some weight.
 inline void refinement_weight(const float* const* neighbours, float* weight) {
-  Float centre = load(neighbours[4]) * 2.0f, bend = splat(0.0f);
+  Float own = load(neighbours[4]), centre = own * 2.0f, bend = splat(0.0f);
   for (int i = 0; i < 4; i++) {
-    Float sides = load(neighbours[i]) + load(neighbours[8 - i]);
+    Float one = load(neighbours[i]), other = load(neighbours[8 - i]), sides = one + other;
     Float light = (sides + centre) * 0.25f + CONTRAST_FLOOR;
-    bend = max(bend, abs(sides - centre) / light);
+    Mask blended = (one < 0.0f) | (other < 0.0f);
+    bend = select(blended, bend, max(bend, abs(sides - centre) / light));
   }
   Float w = (bend - CONTRAST_LOW) * (1.0f / (CONTRAST_HIGH - CONTRAST_LOW));
-  store(weight, min(max(w, splat(0.0f)), splat(1.0f)));
+  store(weight, select(own < 0.0f, splat(0.0f), min(max(w, splat(0.0f)), splat(1.0f))));
 }
 
 // Trace all samples of some pixels. The samples of one pixel fill adjacent lanes, followed by those

@@ -155,6 +155,15 @@ struct DirectShading {
   void sampled(const Float*) const {}
 };
 
+template <bool CAMERA>
+struct HitOfRays {
+  using Type = Hit;
+};
+template <>
+struct HitOfRays<true> {
+  using Type = CoveredHit;
+};
+
 template <int CHANNELS, int MIRRORS, class Shading>
 void radiance(const Shading& shading, const Frame& f, const Rays& rays, const RayCone& cone,
               Mask active, Float path_length, RayRecorder* recorder, Float* out);
@@ -203,9 +212,19 @@ void radiance(const Shading& shading, const Frame& f, const Rays& rays, const Ra
   Float transmittance = splat(1.0f), haze_alpha = splat(0.0f), haze_distance = haze_alpha;
   // only rays of the camera begin at its near plane
   Passed passed = from(CAMERA ? near_distance(f, rays.direction) : splat(0.0f));
+  const bool blends = CAMERA && f.outline_reach > 0;
+  typename HitOfRays<CAMERA>::Type hit;
+  if constexpr (CAMERA) {
+    if (blends) hit.cells = cell_rays(f, rays);
+  }
+  Coverage before;  // by the last surface
+  before.share = splat(0.0f);
+  Mask blended = mask_from_bits(0);
   for (int layer = 0; layer < MAX_LAYERS; layer++) {
     // intersect the next layer
-    Hit hit = intersect(f, rays, cone, active, passed, layer > 0);
+    static_cast<Hit&>(hit) = no_hit(active);
+    if constexpr (CAMERA) hit.coverage = {};
+    find_hits(f, rays, cone, active, passed, layer > 0, hit);
     Mask lit = active & ~(hit.geom < splat(0));
     if (CAMERA && f.medium.haze) lit = lit & ~behind_haze(f, rays.direction, hit);
     Mask missed = active & ~lit;
@@ -231,27 +250,53 @@ void radiance(const Shading& shading, const Frame& f, const Rays& rays, const Ra
       }
     }
     if (!any(lit)) break;
-    // shade the layer
+    // shade the layer: what covers a part of a cell is seen in the middle of that part
+    Rays seen = rays;
+    const Float distance = hit.distance;
+    Mask partly = mask_from_bits(0), lost = partly;
+    if constexpr (CAMERA) {
+      if (blends) partly = lit & (hit.coverage.share < 1.0f);
+      if (any(partly)) lost = turn_to_covered(f, seen, hit, partly);
+      lit = lit & ~lost;
+      if (!any(lit)) {
+        passed = through(f, hit, lost);
+        active = lost;
+        continue;
+      }
+    }
     SurfaceInteraction<CHANNELS> interaction =
-        surface_interaction<CHANNELS>(f, rays, hit, to_bits(lit), path_length);
+        surface_interaction<CHANNELS>(f, seen, hit, to_bits(lit), path_length);
+    if constexpr (CAMERA) {
+      if (any(partly)) {
+        Float share = uncovered_share(before, hit.coverage);
+        interaction.alpha = select(partly, interaction.alpha * share, interaction.alpha);
+        interaction.alpha = select(lost, splat(0.0f), interaction.alpha);
+        partly = partly & ~lost;
+        // nothing is known of how a third outline lies to the first two
+        Mask second = partly & (before.share > 0.0f);
+        before = choose(partly, hit.coverage, before);
+        before.share = select(second, splat(0.0f), before.share);
+        blended = blended | partly;
+      }
+    }
     LazyBounds bounds;
     if (recorder)
       extend(CAMERA ? recorder->primary_hits : recorder->mirror_hits, bounds.of(interaction, lit));
     Float surface[CHANNELS];
-    bool caches = CAMERA && layer == 0 && recorder && recorder->shading.numbers &&
+    bool caches = CAMERA && layer == 0 && recorder && recorder->shading.numbers && !any(partly) &&
                   can_cache_shading(f, hit, lit);
-    shading.template shade<CHANNELS>(f, rays, hit, interaction, bounds, lit, path_length,
+    shading.template shade<CHANNELS>(f, seen, hit, interaction, bounds, lit, path_length,
                                      caches ? &recorder->shading : nullptr, surface);
     // follow mirrors
     if constexpr (MIRRORS < Shading::MIRRORS) {
       Mask mirror = lit & (interaction.reflectance > 0.0f);
       // as in MuJoCo's viewer, a sky that is only a backdrop is in no mirror
       bool empty =
-          !any(mirror) || (CAMERA && !f.sky_shines && mirror_is_empty(f, rays, hit, mirror));
+          !any(mirror) || (CAMERA && !f.sky_shines && mirror_is_empty(f, seen, hit, mirror));
       // the rays of a mirror in a mirror are not recorded
       RayRecorder* records = CAMERA ? recorder : nullptr;
       if (!empty || (records && any(mirror))) {
-        reflect<CHANNELS, MIRRORS + 1>(shading, f, rays, interaction, bounds.of(interaction, lit),
+        reflect<CHANNELS, MIRRORS + 1>(shading, f, seen, interaction, bounds.of(interaction, lit),
                                        mirror, empty, path_length + hit.distance, records, surface);
       }
     }
@@ -260,10 +305,15 @@ void radiance(const Shading& shading, const Frame& f, const Rays& rays, const Ra
     Float share = transmittance * interaction.alpha;
     if (CAMERA) shading.template composited<CHANNELS>(out, share, lit);
     for (int c = 0; c < CHANNELS; c++) out[c] = select(lit, out[c] + surface[c] * share, out[c]);
-    active = lit & (interaction.alpha < 1.0f);
+    active = (lit & (interaction.alpha < 1.0f)) | lost;
     if (!any(active)) break;
     transmittance = transmittance * (1.0f - interaction.alpha);
+    hit.distance = distance;
     passed = through(f, hit, active);
+  }
+  if (CAMERA && f.marks_blended && any(blended)) {
+    Float& untextured = out[CHANNELS - 1];
+    untextured = select(blended, -untextured - 1e-30f, untextured);
   }
 }
 
@@ -321,7 +371,7 @@ void trace_scattered(const Frame& f, const int32_t* x, const int32_t* y, int cou
     Rays rays = rays_through(f, pixel_point(column, f.sample_x[s], PACKET_WIDTH),
                              pixel_point(row, f.sample_y[s], PACKET_HEIGHT));
     Float light[CHANNELS];
-    RayCone cone = ray_cone(rays.origin, rays.direction, all, T_INFINITY);
+    RayCone cone = camera_cone(f, rays);
     radiance<CHANNELS, 0>(DirectShading{}, f, rays, cone, all, splat(0.0f), nullptr, light);
     sum = sum + luminance_of<CHANNELS>(f, light);
     sum_untextured = sum_untextured + light[CHANNELS - 1];

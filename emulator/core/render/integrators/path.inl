@@ -84,7 +84,7 @@ inline Float through_geoms(const Frame& f, const PathFrame& p, const Rays& rays,
     for (int i = 0; i < p.transparent_count; i++) {
       int index = p.transparent_geoms[i];
       Mask tested = lanes_to_test(f, index, self, left);
-      if (!any(tested) || !any_ray_near(f, index, rays, tested)) continue;
+      if (!any(tested) || !any(rays_near(f, index, rays, 0, tested))) continue;
       Float distance = hit.distance;
       hit.distance = select(tested, distance, splat(-1.0f));
       intersect_geom(f, index, rays, passed, layered, hit);

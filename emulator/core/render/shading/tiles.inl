@@ -3,7 +3,7 @@
 // image; what a pixel covers is a parallelogram, so it is taken in four parts.
 #pragma once
 
-#include "render/geometry/rays.inl"
+#include "render/geometry/camera.inl"
 #include "render/shading/footprint.inl"
 #include "scene/scene.h"
 
@@ -69,19 +69,6 @@ EVS_INLINE Mask find_tile(const TileAxis& axis, Float at, Float reach, Float* sh
   }
   if (axis.count == 1) share[0] = all = splat(1.0f);
   return all > 0.5f;
-}
-
-// From a ray to the middle of its cell, of `cells` by `cells` in a pixel: sides of a cell. Zero
-// where the samples lie in no such grid.
-EVS_INLINE void to_middle(const Frame& f, const Rays& rays, int cells, Float& x, Float& y) {
-  if (cells == 0) return;
-  Vec d = rays.direction;
-  Float column = f.cx + d.x / -d.z * f.fx, row = f.cy + d.y / d.z * f.fy;
-  if (f.orthographic) column = f.cx + rays.origin.x * f.fx, row = f.cy - rays.origin.y * f.fy;
-  column = column * static_cast<float>(cells);
-  row = row * static_cast<float>(cells);
-  x = floor(column) + 0.5f - column;
-  y = row - floor(row) - 0.5f;
 }
 
 // A ray for the whole pixel takes all four parts of it, each of four rays takes one (`quarter`). Of

@@ -42,7 +42,7 @@ void trace_pixel(const Shading& shading, const Frame& f, int x, int y, const Out
   Mask all = mask_from_bits(ALL_LANES);
   for (int s = 0; s < f.samples; s++) {
     Rays rays = pixel_ray(f, x, y, f.sample_x[s], f.sample_y[s]);
-    RayCone cone = ray_cone(rays.origin, rays.direction, all, T_INFINITY);
+    RayCone cone = camera_cone(f, rays);
     Float light[CHANNELS];
     radiance<CHANNELS, 0>(shading, f, rays, cone, all, splat(0.0f), nullptr, light);
     sum = sum + luminance_of<CHANNELS>(f, light);
