@@ -34,12 +34,12 @@ from reference.scenes import camera_of, scene_of, shot_of
 
 pytestmark = pytest.mark.golden
 
-LIGHT = "dbf0f3c43fe4f871"
+LIGHT = "c31ab02ec3c167f6"
 EVENTS = {
-    "t": "850a6338ad2be61a",
-    "x": "742bd78454027af7",
-    "y": "f91236d4c679e30d",
-    "p": "c2228146c1b5d058",
+    "t": "cb92fe216a9f68df",
+    "x": "eb3b0d2801c8d6c0",
+    "y": "51335a182b389aec",
+    "p": "a3a06bab514fb84e",
 }
 
 WIDTH, HEIGHT, TICKS = 61, 47, 40

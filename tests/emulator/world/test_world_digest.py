@@ -21,7 +21,7 @@ from evs.msgs import Events, join_events
 pytestmark = pytest.mark.golden
 
 DIGESTS = {
-    "direct": "0f48bab6d2b4bf3c",
+    "direct": "9a1b040282f98b49",
     "path": "52476f0b4e82de3e",
     "path cycle": "7fe0e03e9a8cf5b6",
     "path cycle adaptive": "0fe667a7f13ab907",
