@@ -34,7 +34,7 @@ RENDERERS = {
     "direct 1 (fast)": {"renderer": "direct", "spp": 1},
     "direct 4 (default)": {"renderer": "direct", "spp": 4, "antialiasing": "adaptive"},
     "hybrid 1": {"renderer": "hybrid", "spp": 1},
-    "hybrid 4 (balanced)": {"renderer": "hybrid", "spp": 4},
+    "hybrid 4 (balanced)": {"renderer": "hybrid", "spp": 4, "antialiasing": "adaptive"},
     "hybrid 16 (accurate)": {"renderer": "hybrid", "spp": 16},
     "path 64": {"renderer": "path", "spp": 64, "seeds": "fixed"},
 }
@@ -190,9 +190,11 @@ def test_events_of_an_outline(shape: str, speed_m_s: float) -> None:
         "true" if shape == "shadow" else "false", SHAPES.get(shape, SHAPES["box"])
     )
     at = [np.array([0.013 + 1e-3 * t * speed_m_s, -1.2, 0.5]) for t in range(TICKS)]
-    area = film_of(xml, at, 8, renderer="direct", spp=16)
-    truth = events_of(area)
-    print(f"\n{shape}, {speed_m_s} m/s: {len(truth)} events of 1,024 samples")
+    # of hard light, and of soft light
+    areas = {name: film_of(xml, at, 8, renderer=name, spp=16) for name in ("direct", "hybrid")}
+    truths = {name: events_of(area) for name, area in areas.items()}
+    print(f"\n{shape}, {speed_m_s} m/s: {[len(t) for t in truths.values()]} events")
     for name, render in RENDERERS.items():
+        light = "direct" if render["renderer"] == "direct" else "hybrid"
         film = film_of(xml, at, **render)
-        print_scores(name, film, truth, np.log(film / area))
+        print_scores(name, film, truths[light], np.log(film / areas[light]))
