@@ -139,7 +139,7 @@ def describe(folder: Path, scenes: Mapping[str, SceneFile]) -> Iterator[str]:
             f"{light}, {scene.frames.spp} a frame: {scene.about or scene.scene.file}"
         )
         if scene.episodes > 1:
-            yield f"{'':10s}{scene.episodes} episodes, each with another seed"
+            yield f"{'':10s}{scene.episodes} episodes, each with a different seed"
         draws = zip(scene.draw(name), scene.draw_scenes(name), strict=True)
         for sequence, drawn in zip(scene.sequence_names(name), draws, strict=True):
             values = {key: value for one in drawn if one for key, value in one.values.items()}
