@@ -111,7 +111,7 @@ class PipelineConfig(RunConfig):
     loop: LoopConfig = dataclasses.field(default_factory=LoopConfig)
     record: str = parameter(
         "",
-        "an additional recording, as in run.aedat4; the file's ending selects the format",
+        "an additional recording, as in run.aedat4; the file's extension selects the format",
         is_path=any_path,
     )
     publish: str = ""

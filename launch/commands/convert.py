@@ -84,7 +84,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     names = ", ".join(f"{name} ({codec.about})" for name, codec in PAYLOADS.items())
     parser.add_argument("source", metavar="IN", help="a recording, a film or a folder of frames")
     parser.add_argument(
-        "target", metavar="OUT", help="the file to write; its ending selects the format"
+        "target", metavar="OUT", help="the file to write; its extension selects the format"
     )
     parser.add_argument(
         "--format", metavar="NAME", help="the format, if the ending does not select it"

@@ -25,7 +25,7 @@ OPTIONS = {
     "model": ("model.name", "NAME", "event model"),
     "duration": ("duration_s", "S", "simulated seconds"),
     "pace": ("pace", "PACE", "free, realtime, or lockstep with controllers"),
-    "record": ("record", "FILE", "record to a file; its ending selects the format"),
+    "record": ("record", "FILE", "record to a file; its extension selects the format"),
     "report": ("report", "FILE", "write the run report (JSON)"),
     "force": ("overwrite", "", "replace existing recordings"),
     "publish": ("publish", "ADDRESS", "publish on ZeroMQ, as in tcp://127.0.0.1:5560"),

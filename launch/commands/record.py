@@ -19,7 +19,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """The command line of `evs record`."""
     parser.usage = "evs record ADDRESS FILE [options]"
     parser.add_argument("address", metavar="ADDRESS", help="a publisher, e.g. tcp://127.0.0.1:5560")
-    parser.add_argument("file", metavar="FILE", help="the recording; its ending selects the format")
+    parser.add_argument(
+        "file", metavar="FILE", help="the recording; its extension selects the format"
+    )
     parser.add_argument(
         "--camera", default="", metavar="NAME", help="camera to record, if there are several"
     )
