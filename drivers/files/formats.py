@@ -337,7 +337,7 @@ FORMATS: tuple[Format, ...] = (
     Format(
         name="nmnist",
         suffixes=(".bin",),
-        title="N-MNIST and N-Caltech101: 5 bytes per event",
+        title="N-MNIST: 5 bytes per event, as in N-Caltech101",
         reader="evs.drivers.files.nmnist:NMnistFile",
     ),
 )

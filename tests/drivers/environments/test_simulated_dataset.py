@@ -134,7 +134,7 @@ def test_representations_are_those_of_the_functions() -> None:
         "packet": lambda e: padded_packet(e, 32, interval[1]),
     }
     events = [one["events"] for one in swings(representation=None).__getitems__(range(4))]
-    assert min(map(len, events)) > 20
+    assert min(map(len, events)) > 15
     for kind, function in expected.items():
         dataset = swings(representation=kind, bins=3, tau_us=9000.0, capacity=32)
         for sample, own in zip(dataset.__getitems__(range(4)), events, strict=True):

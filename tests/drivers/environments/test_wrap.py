@@ -264,7 +264,7 @@ def test_several_cameras_see_one_environment(kind: Any) -> None:
         each.reset(seed=4) if kind is Ball else each.reset()
     together: list[Events] = [empty_events()] * 3
     one_by_one = together.copy()
-    for _ in range(4):
+    for _ in range(8):
         env.step(None)
         nested.step(None)
         apart = [nested.env.env.events, nested.env.events, nested.events]
@@ -277,7 +277,7 @@ def test_several_cameras_see_one_environment(kind: Any) -> None:
     assert together[1].tobytes() != together[2].tobytes()
     alone = wrapped(kind())
     alone.reset(seed=4) if kind is Ball else alone.reset()
-    assert run(alone, 4).tobytes() == together[0].tobytes()
+    assert run(alone, 8).tobytes() == together[0].tobytes()
 
 
 def test_several_cameras_see_a_vector() -> None:

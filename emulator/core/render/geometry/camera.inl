@@ -58,7 +58,8 @@ EVS_INLINE void to_middle(const Frame& f, const Rays& rays, int cells, Float& x,
   if (cells == 0) return;
   Vec d = rays.direction;
   // which pixel it is does not count
-  float cx = f.cx - __builtin_floorf(f.cx), cy = f.cy - __builtin_floorf(f.cy);
+  Float cx = splat(f.cx), cy = splat(f.cy);
+  cx = cx - floor(cx), cy = cy - floor(cy);
   Float column = cx + d.x / -d.z * f.fx, row = cy + d.y / d.z * f.fy;
   if (f.orthographic) column = cx + rays.origin.x * f.fx, row = cy - rays.origin.y * f.fy;
   column = column * static_cast<float>(cells);
