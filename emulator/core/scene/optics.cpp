@@ -21,8 +21,9 @@ void open_cone(RayCone& cone, double angle) {
   if (!(cone.cosine > 0.5f)) cone.radius = 1e30f;
 }
 
-// Bound a packet's pixels by a cone; orthographic: by a cylinder.
-RayCone primary_cone(const Frame& f, int column, int row) {
+// Bound a packet's pixels, and what lies within `room` of them, rad, by a cone; orthographic: the
+// pixels by a cylinder.
+RayCone primary_cone(const Frame& f, double room, int column, int row) {
   double x0 = column * PACKET_WIDTH, x1 = x0 + PACKET_WIDTH, y0 = row * PACKET_HEIGHT,
          y1 = y0 + PACKET_HEIGHT;
   double xs[5] = {x0, x1, x0, x1, 0.5 * (x0 + x1)}, ys[5] = {y0, y0, y1, y1, 0.5 * (y0 + y1)};
@@ -51,10 +52,6 @@ RayCone primary_cone(const Frame& f, int column, int row) {
     least = std::min(least, d[i][0] * d[4][0] + d[i][1] * d[4][1] + d[i][2] * d[4][2]);
   cone.axis = {static_cast<float>(d[4][0]), static_cast<float>(d[4][1]),
                static_cast<float>(d[4][2])};
-  // what the pixels of its edge stand for
-  Frame whole = f;
-  set_cells(1, whole);
-  double room = 1.1 * static_cast<double>(whole.outline_reach);
   open_cone(cone, std::min(std::acos(std::min(least, 1.0)) * 1.001 + room + 1e-6, 1.5));
   return cone;
 }
@@ -163,9 +160,13 @@ void set_optics(const Optics& optics, int samples, Sampling& sampling, Frame& fr
   sampling.columns = (optics.width + PACKET_WIDTH - 1) / PACKET_WIDTH;
   sampling.rows = (optics.height + PACKET_HEIGHT - 1) / PACKET_HEIGHT;
   f.packet_columns = sampling.columns;
+  // what the pixels at a packet's edge stand for
+  Frame whole = f;
+  set_cells(1, whole);
+  const double room = static_cast<double>(OUTLINE_ROOM) * static_cast<double>(whole.outline_reach);
   for (int r = 0; r < sampling.rows; r++) {
     for (int c = 0; c < sampling.columns; c++) {
-      sampling.primary.push_back(f.lens ? lens_cone(f, c, r) : primary_cone(f, c, r));
+      sampling.primary.push_back(f.lens ? lens_cone(f, c, r) : primary_cone(f, room, c, r));
     }
   }
   f.primary = sampling.primary.data();

@@ -172,6 +172,8 @@ struct GeomBvh {
   float fine;            // bundles of rays that start so near each other touch few geoms: m
 };
 
+constexpr float OUTLINE_ROOM = 1.1f;  // of cones around camera rays, for Frame::outline_reach
+
 struct Frame {
   const Geom* geoms;
   int geom_count, plane_count;   // planes come first

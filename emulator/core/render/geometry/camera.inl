@@ -71,7 +71,7 @@ EVS_INLINE void to_middle(const Frame& f, const Rays& rays, int cells, Float& x,
 // What camera rays stand for, where outlines are blended.
 EVS_INLINE CellRays cell_rays(const Frame& f, const Rays& rays) {
   CellRays cells = {rays.direction, rays.direction.z * -f.cell_x, rays.direction.z * -f.cell_y};
-  if (f.cells > 1 && f.samples > 1) {
+  if (f.cells > 1) {
     Float x, y;
     to_middle(f, rays, f.cells, x, y);
     cells.direction = normalize(cells.direction + Vec{cells.x * x, cells.y * y, splat(0.0f)});

@@ -76,7 +76,7 @@ struct CoveredHit : Hit {
 EVS_INLINE Coverage cover(const Frame& f, int index, const Rays& rays, const CellRays& cells, Vec o,
                           Vec d, Float& t) {
   const Geom& g = f.geoms[index];
-  if (f.cells > 1 && f.samples > 1) d = to_local(g.rotation, cells.direction);
+  if (f.cells > 1) d = to_local(g.rotation, cells.direction);
   Outline outline = {g.rotation, cells, f.outline_reach, d, {}};
   outline.shape(g, o);
   const Coverage& c = outline.covered;

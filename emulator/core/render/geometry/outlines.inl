@@ -11,8 +11,6 @@
 namespace evs::EVS_NAMESPACE {
 namespace {
 
-constexpr float OUTLINE_ROOM = 1.1f;  // of cones around camera rays, for Frame::outline_reach
-
 // Rays through the middles of cells. Over a cell they turn to the right by `x` and upwards by `y`.
 struct CellRays {
   Vec direction;  // unit

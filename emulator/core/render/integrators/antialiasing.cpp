@@ -37,7 +37,7 @@ Antialiasing::Antialiasing(const Optics& optics, const Sampling& sampling, bool 
 
 Frame Antialiasing::base_frame(const Frame& frame) const {
   Frame f = frame;
-  f.samples = 1;
+  f.samples = f.cells = 1;
   f.sample_x = f.sample_y = &middle_;
   f.pixel_angle = base_angle_;
   f.channels++;

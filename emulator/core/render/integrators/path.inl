@@ -79,8 +79,7 @@ Float through_layers(const Frame& f, const Rays& rays, Float t_max, Mask active,
 inline Float through_geoms(const Frame& f, const PathFrame& p, const Rays& rays, Float t_max,
                            Int self, Mask active) {
   return through_layers(f, rays, t_max, active, [&](Mask left, const Passed& passed, bool layered) {
-    Hit hit = {select(left, splat(T_INFINITY), splat(-1.0f)), splat(-1), splat(0), splat(0.0f),
-               splat(0.0f)};
+    Hit hit = no_hit(left);
     for (int i = 0; i < p.transparent_count; i++) {
       int index = p.transparent_geoms[i];
       Mask tested = lanes_to_test(f, index, self, left);
