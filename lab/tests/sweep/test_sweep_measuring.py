@@ -32,7 +32,7 @@ from evs_lab.sweep.store import read_sweep
 from evs_lab.sweep.sweep_world import SweepWorld
 from reference.judged import written
 
-TINY = ErrorSettings(pixels=160, ticks=60, reference_spp=512)
+TINY = ErrorSettings(pixels=160, ticks=60, reference_spp=1024)
 SMALL: list[str] = ["--pixels", "40", "--ticks", "30", "--reference-spp", "16", "--seconds", "0.02"]
 
 
@@ -77,7 +77,7 @@ def test_more_light_is_nearer_to_converged_light(error_meter: ErrorMeter) -> Non
         balanced.recall, balanced.precision
     )
     # the reference tells them apart
-    assert reference.emd_reference < 0.6 * fast.emd
+    assert reference.emd_reference < fast.emd / 2
     assert reference.emd_reference > 0.0
     assert reference.recall_reference < 1.0
 
