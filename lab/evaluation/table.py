@@ -131,11 +131,11 @@ def markdown(found: Evaluation) -> str:
     lines = [
         f"    {found.command}",
         "",
-        f"{len(scenes)} scenes: {', '.join(scenes)}. Mean of all scenes ± standard deviation over "
-        "them; a dash: not defined.",
+        f"{len(scenes)} scenes: {', '.join(scenes)}. Values are means over the scenes "
+        "± standard deviation; a dash means not defined.",
         "",
         *([] if found.check is None else [found.check.markdown()]),
-        "EMD, recall / precision, static false events in Hz, of each model:",
+        "Each cell gives EMD, recall / precision, and static false events in Hz:",
         "",
         *overview(found.rows),
         "",
@@ -145,15 +145,15 @@ def markdown(found: Evaluation) -> str:
         "|---|---|---|",
         *(f"| {c.claim} | {MET[c.met]} | {c.figures} |" for c in found.claims),
         "",
-        "Each claim on each scene alone:",
+        "Each claim for each scene:",
         "",
         *claims_by_scene(found.cells),
         "",
-        f"EMD on each scene; {WORSE}: no events at all are closer:",
+        f"EMD on each scene; {WORSE} means that no events at all would be closer:",
         "",
         *emd_by_scene(found.cells),
         "",
-        "Least EMD and best F1 (same pixel, 3 ms) of each case:",
+        "Lowest EMD and best F1 (same pixel, 3 ms) in each case:",
         "",
         *(f"- {line}" for line in winners(found.cells)),
     ]

@@ -88,14 +88,15 @@ COLUMNS = (
 )
 
 MEANS = """\
-Speed: the whole run, simulation to recorder, median of the repeats and its 95 % confidence
-interval. unmatched: of all events, those of the row and those of the reference, the share without a
-partner on its pixel within 3 ms (1 - F1): silence has 1. EMD: events a pixel, which alone would
-reward silence. spurious: events without a partner, per pixel and s. ON, OFF: events for each of the
-reference. ● on the front: no other row with the same sensor is both faster and less unmatched."""
+Speed is that of the whole run, from simulation to recorder: the median of the repeats and its 95 %
+confidence interval. "unmatched" is the share of all events, those of the row and those of the
+reference, without a match on the same pixel within 3 ms (1 - F1). It is 1 without any events. EMD
+is in events per pixel; alone, it would reward silence. "spurious" gives the unmatched events of the
+row, per pixel and second. ON and OFF give the number of events per event of the reference. ● marks
+the front: no other row with the same sensor is both faster and less unmatched."""
 
 
-SHORT = "Real-time factor, unmatched, EMD:"
+SHORT = "Each cell gives the real-time factor, unmatched and EMD:"
 
 
 def markdown(records: Iterable[SweepRecord], about: SweepInfo | None = None) -> str:
@@ -120,7 +121,7 @@ def markdown(records: Iterable[SweepRecord], about: SweepInfo | None = None) -> 
     if mean := means(every):
         lines += ["## Means over scenes and cameras", "", *mean, ""]
     if others := peers(every):
-        lines += ["## How others do it", "", *others, ""]
+        lines += ["## Other programs", "", *others, ""]
     for (scene, camera), subset in cases(every).items():
         lines += [
             f"## {scene}, camera {camera}",
@@ -243,7 +244,7 @@ def reference_error_text(records: Sequence[SweepRecord]) -> str:
     text = ", ".join(
         f"{name} {number(o, 2)}" for name, o in zip(ERROR_METRICS, reference_error, strict=True)
     )
-    return f"The reference's own error: {text}. Nothing can be seen to be better than that."
+    return f"The reference's own error: {text}. Smaller errors cannot be distinguished."
 
 
 def case_table(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) -> list[str]:

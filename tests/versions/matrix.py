@@ -153,8 +153,8 @@ def report(cells: Sequence[Cell], missing: Sequence[str], command: str) -> str:
         "|---|" + "---|" * len(mujocos),
     ]
     lines = [
-        f"{platform.system()}, {platform.machine()}. ok: installed as its wheel, evs saw the scene "
-        "move. A number: the reason below.",
+        f"{platform.system()}, {platform.machine()}. **ok** means that evs, installed from its wheel, "
+        "saw the scene move. A number refers to the reason below the table.",
         "",
         *head,
     ]
@@ -164,7 +164,7 @@ def report(cells: Sequence[Cell], missing: Sequence[str], command: str) -> str:
         lines.append(f"| {name} | {' | '.join(row)} |")
     lines += ["", *(f"{number}. {reason}" for reason, number in reasons.items())]
     if missing:
-        lines += ["", f"Not tried, since it was not at hand: Python {', '.join(missing)}."]
+        lines += ["", f"Not tested, because it was not installed: Python {', '.join(missing)}."]
     lines += ["", *costs(cells), "", f"*`{command}`*", ""]
     return "\n".join(lines)
 
@@ -172,9 +172,10 @@ def report(cells: Sequence[Cell], missing: Sequence[str], command: str) -> str:
 def costs(cells: Sequence[Cell]) -> list[str]:
     """What an observation costs beside the host's own step, with the newest versions that work."""
     lines = [
-        "What one observation costs (DAVIS346, every pipeline default) beside a step of the host:",
+        "The table compares the time of one observation (DAVIS346, all pipeline defaults) with that "
+        "of a step of the library:",
         "",
-        "| host | MuJoCo | own step, ms | observations a step | one observation, ms |",
+        "| library | MuJoCo | its own step, ms | observations per step | one observation, ms |",
         "|---|---|---:|---:|---:|",
     ]
     for host in dict.fromkeys(cell.host for cell in cells):

@@ -183,7 +183,7 @@ def test_a_tick_of_evsnet(robot_files: dict[str, Path]) -> None:
     """Of 8 channels. `still` sees a robot that moves, `pan` makes every pixel move."""
     print(f"\n{the_gpu().name}; {cores()} cores, {processor()}\n")
     print(
-        "| image | camera | GPU, light there | GPU, light here | CPU, 1 thread | CPU, all | bytes |"
+        "| image | camera | GPU, light on it | GPU, light uploaded | CPU, 1 thread | CPU, all | bytes |"
     )
     print("|---|---|---:|---:|---:|---:|---|")
     differ = 0
@@ -229,7 +229,7 @@ def room(size: tuple[int, int], turning: bool, render: RenderConfig, pixels: str
 def test_a_tick_in_an_open_loop() -> None:
     """Physics, light and pixels; light is made ahead of the pixels."""
     print(f"\n{the_gpu().name}; {cores()} cores, {processor()}\n")
-    print("| image | camera | light | pixels | ms a tick | events a tick | bytes |")
+    print("| image | camera | light | pixels | ms per tick | events per tick | bytes |")
     print("|---|---|---|---|---:|---:|---|")
     differ = 0
     for size, turning in product(SIZES, (False, True)):
@@ -251,7 +251,7 @@ def test_a_tick_in_an_open_loop() -> None:
             # the mean of tenths: single ticks wait for each other
             tenths = 1e3 * np.diff(ends[SETTLED::TENTH]) / TENTH
             print(
-                f"| {size[0]} x {size[1]} | {'turns' if turning else 'stands'} | {light} "
+                f"| {size[0]} x {size[1]} | {'pan' if turning else 'still'} | {light} "
                 f"| {pixels} | {spread(tenths.tolist())} | {events:.0f} | {same} |",
                 flush=True,
             )
@@ -262,7 +262,7 @@ def test_a_tick_in_an_open_loop() -> None:
 def test_a_tick_of_soft_light_in_a_closed_loop() -> None:
     """Physics, soft light and pixels, one after the other; all that a controller waits for."""
     print(f"\n{the_gpu().name}; {cores()} cores, {processor()}\n")
-    print("| camera | light | pixels | ms a tick | events a tick | bytes |")
+    print("| camera | light | pixels | ms per tick | events per tick | bytes |")
     print("|---|---|---|---:|---:|---|")
     differ = 0
     soft = {"hybrid": {"renderer": "hybrid"}, "path, 4 samples": {"renderer": "path", "spp": 4}}
@@ -283,7 +283,7 @@ def test_a_tick_of_soft_light_in_a_closed_loop() -> None:
             differ += same == "DIFFER"
             events = len(seen) / packet.events.dtype.itemsize / TICKS_OF_CLOSED
             print(
-                f"| {'turns' if turning else 'stands'} | {name}, {light} | {pixels} "
+                f"| {'pan' if turning else 'still'} | {name}, {light} | {pixels} "
                 f"| {spread(ms[SETTLED:])} | {events:.0f} | {same} |",
                 flush=True,
             )
@@ -295,7 +295,7 @@ def test_a_tick_of_soft_light_in_a_closed_loop() -> None:
 def test_a_tick_of_many_worlds(count: int) -> None:
     """Physics, light and pixels of humanoids at 64 x 64; those on a GPU in one launch."""
     print(f"\n{the_gpu().name}; {cores()} cores, {processor()}\n")
-    print("| worlds | on | ms a tick | world steps a second | events a tick | bytes |")
+    print("| worlds | on | ms per tick | world steps per second | events per tick | bytes |")
     print("|---:|---|---:|---:|---:|---|")
     expected: list[bytes] = []
     sensor = evs.SensorConfig(preset="davis346", width=64, height=64, photocurrent_pa=0.0)
