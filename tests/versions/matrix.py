@@ -153,8 +153,8 @@ def report(cells: Sequence[Cell], missing: Sequence[str], command: str) -> str:
         "|---|" + "---|" * len(mujocos),
     ]
     lines = [
-        f"{platform.system()}, {platform.machine()}. **ok** means that evs, installed from its wheel, "
-        "saw the scene move. A number refers to the reason below the table.",
+        f"{platform.system()}, {platform.machine()}. **ok** means that evs, installed from its "
+        "wheel, saw the scene move. A number refers to the reason below the table.",
         "",
         *head,
     ]
@@ -172,8 +172,8 @@ def report(cells: Sequence[Cell], missing: Sequence[str], command: str) -> str:
 def costs(cells: Sequence[Cell]) -> list[str]:
     """What an observation costs beside the host's own step, with the newest versions that work."""
     lines = [
-        "The table compares the time of one observation (DAVIS346, all pipeline defaults) with that "
-        "of a step of the library:",
+        "The table compares the time of one observation (DAVIS346, all pipeline defaults) with "
+        "that of a step of the library:",
         "",
         "| library | MuJoCo | its own step, ms | observations per step | one observation, ms |",
         "|---|---|---:|---:|---:|",

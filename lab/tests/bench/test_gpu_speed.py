@@ -183,7 +183,8 @@ def test_a_tick_of_evsnet(robot_files: dict[str, Path]) -> None:
     """Of 8 channels. `still` sees a robot that moves, `pan` makes every pixel move."""
     print(f"\n{the_gpu().name}; {cores()} cores, {processor()}\n")
     print(
-        "| image | camera | GPU, light on it | GPU, light uploaded | CPU, 1 thread | CPU, all | bytes |"
+        "| image | camera | GPU, light on it | GPU, light uploaded | CPU, 1 thread | CPU, all "
+        "| bytes |"
     )
     print("|---|---|---:|---:|---:|---:|---|")
     differ = 0
