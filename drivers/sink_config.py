@@ -128,7 +128,7 @@ class _Served(_Sink):
     wait_s: float = 10.0
     """time to wait for them, s"""
     insecure: bool = False
-    """true: other machines may subscribe without a key; the traffic is not encrypted then"""
+    """true: other machines may subscribe without a key, and the traffic is not encrypted"""
 
 
 @dataclass(frozen=True)
@@ -218,14 +218,14 @@ class FoxgloveSink(_Served, _Writing):
     )
     mcap: str = parameter(
         "",
-        "in place of address: the file to write",
+        "the file to write, instead of address",
         is_path=any_path,
         example="run.mcap",
     )
     period_us: int = 20_000
     """simulated time between two pictures, rates and messages of events, us"""
     encoding: str = "evt3"
-    """of event_camera_msgs (docs/reference/wire.md lists them)"""
+    """encoding of event_camera_msgs (docs/reference/wire.md lists them)"""
     queue: int = 1000
     """messages queued for a slow client before the oldest are dropped"""
 
@@ -277,7 +277,7 @@ class Ros2Sink(_Served, _RosNames):
     """true: all topics have reliable QoS, lost messages are sent again; false: all but tf are best
     effort; not given: as in real drivers, images, camera_info and poses are reliable"""
     encoding: str = "evt3"
-    """of event_camera_msgs (docs/reference/wire.md); libcaer_driver's is libcaer_cmp"""
+    """encoding of event_camera_msgs (docs/reference/wire.md); libcaer_driver uses libcaer_cmp"""
     clock: bool = True
     """publish /clock; only one of several publishers may do so"""
     event_message_time_threshold: float = 1e-3

@@ -40,7 +40,7 @@ GROUPS = {
         "view": (
             "draw a recording as a picture or film (.png, .gif, .mp4); --live: show a live camera"
         ),
-        "info": "describe a recording and check whether it is complete; --repair mends a torn end",
+        "info": "describe a recording and check whether it is complete; --repair cuts a torn end",
         "convert": (
             "write a recording in another format, or turn a film or a folder of frames into events"
         ),
@@ -72,9 +72,9 @@ LAB = ("characterise", "evaluate", "fit", "sweep", "train", "tune")
 
 ABOUT = """evs: an event camera for MuJoCo scenes.
 
-It takes the place of a real DVS, DAVIS or EVK camera: the same topics, files and parameters,
-but the world in front of the lens is a MuJoCo model. Physics runs in ticks of 1 ms, rays are
-traced for every tick, and each pixel reports only changes."""
+It stands in for a real DVS, DAVIS or EVK camera, with the same topics, files and parameters.
+The world in front of the lens is a MuJoCo model. Physics advances in ticks of 1 ms, rays are
+traced in every tick, and each pixel reports only changes."""
 
 EXAMPLES = """Examples:
   evs emulate humanoid.xml --record run.aedat4

@@ -133,7 +133,7 @@ class CameraConfig:
     shake_deg: float = 0.0
     """any camera: random rotation, rms around each axis, degrees"""
     shake_hz: float = 5.0
-    """centre frequency of the shake: 5 Hz resembles a hand, 50 Hz a motor"""
+    """centre frequency of the shake: 5 Hz resembles a hand-held camera, 50 Hz a motor"""
     shake_seed: int = 0
     """seed of the shake"""
     fovy: float | None = parameter(
@@ -301,8 +301,8 @@ class ModelConfig:
     """cpu | cuda: an NVIDIA GPU (evsnet: runtime native; needs evs[cuda]) | auto: cuda where
     possible; the events are the same"""
     labels: bool = False
-    """label every event with its cause (signal, leak, shot noise, hot pixel), and with geom, class,
-    depth and flow of what the pixel shows, in packet.labels and in .npz recordings"""
+    """label every event with its cause (signal, leak, shot noise, hot pixel), and with the
+    geom, class, depth and flow at its pixel, in packet.labels and in .npz recordings"""
     classes: tuple[str, ...] = ()
     """labels: NAME=PATTERN: a class, and the names of its geoms, or of bodies with their
     descendants, such as hand=finger*; the first match counts. Geoms without a match get the name

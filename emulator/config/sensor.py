@@ -38,7 +38,7 @@ class BiasConfig:
     bias_fo: int | None = None
     """IMX636, GenX320: low-pass filter; higher is faster and noisier"""
     bias_hpf: int | None = None
-    """IMX636, GenX320: high-pass filter; higher forgets sooner; 0: off"""
+    """IMX636, GenX320: high-pass filter; higher follows the light faster; 0: off"""
     bias_refr: int | None = None
     """IMX636, GenX320: refractory period; higher is shorter"""
     PrBp_coarse: int | None = None
@@ -267,7 +267,7 @@ class PixelKeys(Generic[Unset]):
     photocurrent_pa: float | Unset = parameter(
         0.0,
         "photocurrent of a pixel at bright_lux; its shot noise, band-limited by the pixel's poles, "
-        "is in the log light that the comparators see; 0: no such noise",
+        "is added to the log light before the comparators; 0: no such noise",
         unit="pA",
         within=(0.0, 1e6),
         term=Term(

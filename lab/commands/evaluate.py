@@ -64,7 +64,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="NET.onnx",
         help="another table: video made of the events by a filter, and by your network",
     )
-    add("--raw-voxels", action="store_true", help="do not normalise what NET.onnx receives")
+    add("--raw-voxels", action="store_true", help="do not normalise the input of NET.onnx")
     add("--quick", action="store_true", help="two scenes, few pixels: under two minutes")
     add("--cache", metavar="DIR", help="folder for traced light (the user's cache folder)")
     add("--json", metavar="FILE", help="write everything that was measured")

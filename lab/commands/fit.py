@@ -25,10 +25,11 @@ EXAMPLES = """\
 examples:
   evs fit --dark cap.aedat4 --ramp ramp.aedat4 --contrast 4 -o mine.toml
   evs fit --dark cap.raw --lamp lamp.raw --contrast 8 --lux 500 --base imx636 --picture fit.png
-  evs fit pan.aedat4                                        what any recording tells
+  evs fit pan.aedat4                                        what can be fitted from any recording
 
-A key that the recordings do not tell is listed with the reason, and keeps the value of --base.
-All recordings are of one camera with one setting. lab/docs/fit.md says how to make them."""
+A key that the recordings do not determine keeps the value of --base; the output gives the reason.
+All recordings must be of one camera with the same settings. lab/docs/fit.md describes how to make
+them."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -50,7 +51,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="light whose logarithm rises and falls evenly: thresholds, mismatch",
     )
     add("--lamp", metavar="FILE", help="a blinking lamp: thresholds, mismatch, bandwidth")
-    add("--contrast", type=float, metavar="C", help="brightest over darkest light of lamp or ramp")
+    add(
+        "--contrast",
+        type=float,
+        metavar="C",
+        help="brightest light of lamp or ramp, divided by the darkest",
+    )
     add(
         "--period",
         type=float,
@@ -66,7 +72,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     add_reading_options(parser, single=False)
     add("-o", "--output", metavar="FILE.toml", help="write the sensor file")
-    add("--picture", metavar="FILE.png", help="draw the recordings beside the fitted sensor")
+    add("--picture", metavar="FILE.png", help="draw the recordings next to the fitted sensor")
     add("--json", nargs="?", const="-", metavar="FILE", help="write all numbers; -: to stdout")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
     parser.epilog = EXAMPLES

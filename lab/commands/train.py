@@ -39,13 +39,13 @@ The network learns to give the events of an ideal event pixel in the converged l
 DIR receives data.json (the settings) and one NNNNN.npz per scene. A file appears when it is
 complete. Run the command again to resume it; Ctrl-C ends it after the current scene, a second
 Ctrl-C at once. The data depend only on the seed, on any number of threads, processes and machines.
-With --randomise 'cutoff_hz=log_uniform(50, 500)' each scene has another noisy sensor. The keys are
+With --randomise 'cutoff_hz=log_uniform(50, 500)' each scene has a different sensor. The keys are
 those of [sensor]; evs train fit --noisy-truth learns from it.
 No scene has a robot: those of gymnasium and dm_control are reserved for tests."""
 
 RECIPES = ("paper", "evsnet_c8", "evsnet_c4")
 
-FIT_HELP = "train a network: by the paper's losses, in JAX, on a GPU where there is one"
+FIT_HELP = "train a network: by the paper's losses, in JAX, on a GPU if there is one"
 
 FIT_EXAMPLES = """\
 examples:
@@ -106,7 +106,7 @@ def _configure_data(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE|KEY=RANGE",
-        help="another noisy sensor in each scene: ranges of [sensor], or a TOML file of them",
+        help="a different noisy sensor in each scene: ranges of [sensor], or a TOML file of them",
     )
     add("--scenes", type=int, default=200, metavar="N", help="number of scenes (200)")
     add("--from", type=int, default=0, metavar="N", dest="first", help="number of the first (0)")

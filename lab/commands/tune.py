@@ -21,7 +21,7 @@ BUDGET_S, MAX_BUDGET_S = 300.0, 1e6
 
 EXAMPLES = """\
 examples:
-  evs tune robot.xml --rtf 1.0                         the most accurate that keeps real time
+  evs tune robot.xml --rtf 1.0                         the most accurate that runs in real time
   evs tune robot.xml --error 0.1 --camera wrist        the fastest with one event in ten wrong
   evs tune gymnasium/ant --rtf 0.5 model.name=plain    keeps the keys that are given
   evs emulate tuned.toml --record run.aedat4           run the result

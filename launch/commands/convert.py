@@ -30,7 +30,7 @@ examples:
 
 If IN is a recording, OUT appears when it is complete. If OUT cannot hold all data of IN, the
 command stops before it writes anything. If IN is a film, OUT grows with it: after Ctrl-C it holds
-what was done, and OUT.report.json describes the run.
+all events so far, and OUT.report.json describes the run.
 
 evs does not know what moved between two frames of a film: the light of each pixel changes in a
 straight line. --substeps makes the lines finer for slow pixels, but invents no motion. For that,

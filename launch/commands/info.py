@@ -24,7 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--repair",
         action="store_true",
-        help="first repair a torn end in place; keeps every complete packet",
+        help="first remove a truncated tail in place; every complete packet is kept",
     )
     add_reading_options(parser)
     form = parser.add_mutually_exclusive_group()

@@ -13,7 +13,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.usage = "evs launch FILE.toml [NAME:=VALUE ...] [--show]"
     parser.epilog = (
         "Subscribers start before their publishers, and a camera waits for them. One Ctrl-C\n"
-        "stops every node, publishers first; a second one kills the nodes that are left. The exit\n"
+        "stops every node, publishers first; a second one kills the remaining nodes. The exit\n"
         "code is that of the worst node. config/launch/stereo.toml shows every key; evs launch\n"
         "stereo runs it. pencil, goalie, cartpole: closed loops; controller: a loop with your own\n"
         "program; ros2: a camera for ROS 2."

@@ -48,7 +48,7 @@ examples:
   evs loop cartpole --seeds 20                       gymnasium's cart-pole, its camera on the cart
   evs launch pencil                                  world and controller in two processes
   evs loop pencil --serve tcp://127.0.0.1:5570 publish=tcp://127.0.0.1:5560 record=run.aedat4
---table writes FILE.json, which a second run resumes, and the table as FILE.md beside it. With
+--table writes FILE.json, which a second run resumes, and the table as FILE.md next to it. With
 --tracker it measures only that tracker. --quick takes a minute, and its numbers are meaningless."""
 
 

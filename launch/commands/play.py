@@ -59,7 +59,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=1,
         metavar="N",
-        help="play it N times, with time running on; 0: until Ctrl-C (default: %(default)s)",
+        help="play it N times, with increasing time stamps; 0: until Ctrl-C (default: %(default)s)",
     )
     bus = parser.add_argument_group("the bus, without other sinks")
     bus.add_argument(

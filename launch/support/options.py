@@ -108,7 +108,7 @@ def add_key_options(parser: argparse._ActionsContainer) -> None:
         "--key",
         default="",
         metavar="FILE",
-        help="your secret key, if the publisher accepts listed clients only",
+        help="your secret key, if the publisher accepts only listed clients",
     )
 
 
