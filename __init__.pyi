@@ -1,4 +1,4 @@
-"""The names of evs: emulator/core/package_init.py.in imports each at its first use."""
+"""The names of evs. emulator/core/package_init.py.in imports each name on first use."""
 
 from .drivers.bus import subscribe as subscribe
 from .drivers.environments import (

@@ -1,1 +1,1 @@
-"""Where the emulator meets the outside: pipelines, the run loop, bus, files. Import from inside."""
+"""Connections to the outside: pipelines, the run loop, bus, files. Import from the subpackages."""

@@ -1,15 +1,15 @@
-"""How events come about: world -> light -> sensor -> events. Names are imported at first use.
+"""From a world to events: world -> light -> sensor -> events. Names are imported on first use.
 
-    world/        a MuJoCo model: physics in exact ticks, and what is seen of it
-    render/       snapshots into light; renderers plug in at render/registry.py
-    optics/       the lens in front
-    sensor/       light into events: pixels, noise, readout, presets, frames (APS), IMU
-    evsnet/       light into events by a trained network
-    camera/       one camera: lens, renderer, event model and packets together
-    simulation/   loops of worlds and cameras: World, EventCamera, Pixels, ClosedLoop
+    world/        a MuJoCo model: physics in exact ticks, snapshots for the renderers
+    render/       turns snapshots into light; render/registry.py lists the renderers
+    optics/       the lens
+    sensor/       turns light into events: pixels, noise, readout, presets, frames (APS), IMU
+    evsnet/       turns light into events with a trained network
+    camera/       one camera: lens, renderer, event model and packets
+    simulation/   loops over worlds and cameras: World, EventCamera, Pixels, ClosedLoop
     state/        saved states
 
-base/ and config/ are what all of them share; core/ is the C++ below.
+All of them share base/ and config/; core/ is the native part in C++.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""The names of evs.emulator, each imported at its first use."""
+"""The names of evs.emulator, each imported on first use."""
 
 from .camera.camera import Camera as Camera
 from .camera.view import View as View

@@ -1,4 +1,4 @@
-"""evs-lab: what measures the event camera evs and trains its network.
+"""evs-lab measures the event camera evs and trains its networks.
 
 evs_lab.characterise    a sensor as manufacturers measure it, against its parameters
 evs_lab.fit             a sensor file from recordings of a camera

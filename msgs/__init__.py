@@ -1,6 +1,6 @@
-"""Messages: events, packets, topics and their encodings. Names are imported at first use.
+"""Messages: events, packets, topics and their encodings. Names are imported on first use.
 
-Needs only numpy and msgpack, and neither for the errors.
+It needs only NumPy and msgpack; the errors need neither.
 """
 
 import lazy_loader

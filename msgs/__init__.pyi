@@ -1,4 +1,4 @@
-"""The names of evs.msgs, each imported at its first use."""
+"""The names of evs.msgs, each imported on first use."""
 
 from .camera_info import (
     CameraInfo as CameraInfo,

@@ -1,1 +1,1 @@
-"""Programs around the emulator: training, evaluation, data sets, jobs, doctor."""
+"""Programs around the emulator: data sets, jobs, controller tests, doctor."""

@@ -1,4 +1,4 @@
-"""The bus: packets to any number of other processes, over ZeroMQ. The only door to zmq."""
+"""The bus sends packets to any number of processes over ZeroMQ. Only this package imports zmq."""
 
 from evs.drivers.bus.control import Described, discover, request
 from evs.drivers.bus.latest import Latest

@@ -1,4 +1,4 @@
-"""A camera as iniVation's software sees one on the network: one TCP port a stream."""
+"""A server for iniVation's software, with one TCP port for each stream."""
 
 from evs.drivers.dv.server import DvServer
 

@@ -1,4 +1,4 @@
-"""What learners take: environments, events from those of other libraries, and simulated samples."""
+"""For learners: environments, events from environments of other libraries, simulated samples."""
 
 from evs.drivers.environments.episode import EpisodeSpec
 from evs.drivers.environments.event_env import EventEnv

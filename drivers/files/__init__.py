@@ -1,4 +1,4 @@
-"""Recordings: write them, read them, whatever their format."""
+"""Write and read recordings in every format."""
 
 from evs.drivers.files.calibration import calibration_yaml
 from evs.drivers.files.capabilities import Capabilities

@@ -1,1 +1,1 @@
-"""Films and folders of frames into events. The only door to PyAV is decoder.py."""
+"""Turn films and folders of frames into events. Only decoder.py imports PyAV."""

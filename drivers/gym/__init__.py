@@ -4,7 +4,7 @@
     import evs.drivers.gym                                # registers evs/...
     env = gymnasium.make("evs/CartPole-v0", observation="voxel_grid")
 
-or in one: `gymnasium.make("evs.drivers.gym:evs/CartPole-v0")`.
+or in one call: `gymnasium.make("evs.drivers.gym:evs/CartPole-v0")`.
 """
 
 from evs.drivers.gym.loop_env import LoopEnv

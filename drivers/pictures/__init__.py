@@ -1,4 +1,4 @@
-"""Pictures of events: arrays in, arrays out, and thin writers. The only door to Pillow."""
+"""Pictures of events, as arrays and as files. Only this package imports Pillow."""
 
 from evs.drivers.pictures.channels import channel_page
 from evs.drivers.pictures.clip import clip_frames

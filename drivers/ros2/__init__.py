@@ -1,4 +1,4 @@
-"""A camera as ROS 2 sees one: topics over DDS, without ROS (extra `ros2`)."""
+"""A camera for ROS 2: topics over DDS, without ROS (extra `ros2`)."""
 
 from evs.drivers.ros2.publisher import Ros2Publisher
 

@@ -1,1 +1,1 @@
-"""What every stage shares: arrays, scenes, protocols between stages, features, memory."""
+"""Shared by all stages: arrays, scenes, protocols between stages, features, memory."""

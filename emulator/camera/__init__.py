@@ -1,1 +1,1 @@
-"""One camera: what it is made from, its plan, its light, its pixels, its packets."""
+"""One camera: its parts, its plan, its light, its pixels, its packets."""

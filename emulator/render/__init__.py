@@ -1,7 +1,7 @@
-"""Light: renderers behind one protocol. Names are imported at first use.
+"""Light: renderers with a common protocol. Names are imported on first use.
 
-A new renderer plugs in at registry.py, which the configuration reads too: no renderer is imported
-with this package.
+List a new renderer in registry.py, which the configuration reads too. Importing this package
+imports no renderer.
 """
 
 import lazy_loader

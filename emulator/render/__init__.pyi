@@ -1,4 +1,4 @@
-"""The names of evs.emulator.render, each imported at its first use."""
+"""The names of evs.emulator.render, each imported on first use."""
 
 from .flicker import flicker_warnings as flicker_warnings
 from .native import NativeRenderer as NativeRenderer

@@ -1,1 +1,1 @@
-"""Worlds that run: our own loop, a camera in a loop of the user, and closed loops."""
+"""Simulations: evs's own loop, a camera in the user's loop, and closed loops."""

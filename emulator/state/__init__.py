@@ -1,4 +1,4 @@
-"""Saved states: named arrays in bytes, checked; and whether they belong to this world."""
+"""Saved states: named arrays as bytes, checks, and tests whether a state fits a world."""
 
 from evs.emulator.state.blob import MAX_BYTES, described, pack, unpack
 from evs.emulator.state.resumable import (

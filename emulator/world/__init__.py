@@ -1,4 +1,4 @@
-"""The world: a MuJoCo model, its physics in exact ticks, and what a renderer sees of it.
+"""The world: a MuJoCo model, its physics in exact ticks, and the snapshots for a renderer.
 
 The only folder that imports mujoco.
 """

@@ -1,4 +1,4 @@
-"""Balance gymnasium's inverted pendulum by events alone.
+"""Balance gymnasium's inverted pendulum using only events.
 
 A camera rides on the cart and looks at the pole. Each packet of events corrects an estimate of the
 pole's angle (tracker.py), an observer adds the angular rate, and state feedback drives the cart

@@ -1,1 +1,1 @@
-"""What the examples share: their environments' base, searches, a file of results, GIFs."""
+"""Shared by the examples: a base class of environments, searches, result files, GIFs."""

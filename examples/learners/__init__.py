@@ -1,1 +1,1 @@
-"""Data for learners that other people wrote: docs/howto/learners.md trains them."""
+"""Data for learners from other libraries, which docs/howto/learners.md trains."""

@@ -1,7 +1,7 @@
 """Balance a pencil on its tip with two event cameras, after Conradt et al., ISCAS 2009.
 
 In each camera a line follows the events of the pencil (line_tracker.py). Two lines give tilt and
-place (stereo.py), an observer predicts over the delay, and state feedback moves the cart
+position (stereo.py), an observer predicts over the delay, and state feedback moves the cart
 (balance.py); controller.py joins them. environment.py builds the scene and runs trials; study.py
 tunes every tracker by the same search and finds its limits. Start in environment.py:
 PencilExperiment.play.

@@ -1,4 +1,4 @@
-"""Characterise a virtual sensor by its events alone, as makers characterise real ones."""
+"""Characterise a virtual sensor from its events alone, as manufacturers do with real ones."""
 
 from evs_lab.characterise.background import Background, measure_background
 from evs_lab.characterise.bandwidth import Bandwidth, measure_bandwidth

@@ -1,4 +1,4 @@
-"""A sensor file of one's own camera, fitted to its recordings (`evs fit`)."""
+"""Fit a sensor file to recordings of your own camera (`evs fit`)."""
 
 from evs_lab.fit.bandwidth import fit_bandwidth
 from evs_lab.fit.camera import FittedCamera, Light, fit_camera

@@ -1,4 +1,4 @@
-"""Video from events: reconstructors, and how like the true frames their pictures are."""
+"""Video from events: reconstructors, and the similarity of their pictures to the true frames."""
 
 from evs_lab.reconstruction.filter import CUTOFF_RAD_S, complementary_filter
 from evs_lab.reconstruction.likeness import correlation, equalise, laplacian_energy, ssim

@@ -1,4 +1,4 @@
-"""Stress cases: what breaks an emulator, each with its bound and its measurement.
+"""Stress cases, each with its bound and its measurement.
 
 Tests run them at full length, `evs doctor` in a short form.
 """

@@ -1,1 +1,1 @@
-"""Training the network: data from our own light, and what is learnt from it."""
+"""Train the network: training data from our own light, and the training itself."""

@@ -1,1 +1,1 @@
-"""`evs tune`: the configuration of a scene that a goal of speed or of accuracy asks for."""
+"""`evs tune`: find the configuration that reaches a goal of speed or accuracy for a scene."""

@@ -1,4 +1,4 @@
-"""Event encodings of cameras and of ROS, in NumPy: arrays in, bytes out, and back."""
+"""Event encodings of cameras and of ROS, in NumPy, from arrays to bytes and back."""
 
 from evs.msgs.codecs.codec import Codec, Payload
 from evs.msgs.codecs.dat import MAX_SIDE_DAT_PX, DatState, decode_dat, encode_dat

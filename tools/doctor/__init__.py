@@ -1,4 +1,4 @@
-"""Check a machine: everything that evs needs."""
+"""Check a machine for everything that evs needs."""
 
 from evs.tools.doctor.check import BAD, NOTE, OK, Check, guarded
 from evs.tools.doctor.machine import (

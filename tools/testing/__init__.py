@@ -1,7 +1,7 @@
 """The pytest plugin: run a controller against a scene, and check claims about the loop.
 
 pytest loads it on request: `pytest -p evs`, or `from evs.tools.testing import
-evs_loop` in a conftest.py. Names are imported at first use.
+evs_loop` in a conftest.py. Names are imported on first use.
 """
 
 import lazy_loader

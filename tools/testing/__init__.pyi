@@ -1,4 +1,4 @@
-"""The names of evs.tools.testing, each imported at its first use."""
+"""The names of evs.tools.testing, each imported on first use."""
 
 from .evidence import replay as replay
 from .plugin import evs_loop as evs_loop

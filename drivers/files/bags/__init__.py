@@ -1,4 +1,4 @@
-"""ROS bags, of ROS 1 and 2: recorders and reader. The door to rosbags (extra `ros2`)."""
+"""ROS 1 and ROS 2 bags: recorders and reader. Only this package imports rosbags (extra `ros2`)."""
 
 from evs.drivers.files.bags.reader import BagFile
 from evs.drivers.files.bags.recorder import Ros1Recorder, Ros2Recorder

@@ -1,4 +1,4 @@
-"""HDF5 recordings as DSEC, rpg's data sets and Metavision have them. The door to h5py.
+"""HDF5 recordings of DSEC, rpg's data sets and Metavision. Only this package imports h5py.
 
 It comes with the extra `formats`.
 """

@@ -1,1 +1,1 @@
-"""Several programs from one file: read, started in order, watched, stopped in order."""
+"""Run several programs from one file: start them in order, watch them, stop them in order."""

@@ -1,4 +1,4 @@
-"""Workers: a sink in a process of its own, so that the camera's process only copies packets."""
+"""Workers run a sink in its own process, so that the camera's process only copies packets."""
 
 from evs.drivers.run.worker.sink import WorkerSink
 

@@ -1,1 +1,1 @@
-"""Our own page: live cameras in a browser, with sliders for their parameters."""
+"""The page that shows live cameras in a browser, with sliders for their parameters."""

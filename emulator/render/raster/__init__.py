@@ -1,13 +1,12 @@
-"""The `raster` renderer: triangles drawn by OpenGL. The one door to pyrender and PyOpenGL.
+"""The `raster` renderer draws triangles with OpenGL. Only this package imports pyrender.
 
-pyrender, as its fork pyrender2 0.2.2 has it, brings the EGL context, the scene with its buffers and
-the loop over them; its shading is replaced by ours (shade.vert, shade.frag), so that the light is
-`direct`'s: linear, in 32-bit floats, MuJoCo's lights with their attenuation, cones and gloss, any
-number of them. What it leaves out are shadows, mirrors, image lights, fog, haze and all maps but
-the colour.
+pyrender (its fork pyrender2 0.2.2) provides the EGL context, the scene with its buffers and the
+loop over them. Its shading is replaced by ours (shade.vert, shade.frag), so the light is that of
+`direct`: linear, in 32-bit floats, with any number of MuJoCo's lights, their attenuation, cones and
+gloss. It does not render shadows, mirrors, image lights, fog, haze or any maps except colour.
 
-It needs `pip install "evs[raster]"` and the system's libEGL and Mesa, or a GPU's driver. Nothing of
-them is imported before a RasterRenderer is made.
+It needs `pip install "evs[raster]"`, and either the system's libEGL and Mesa or a GPU driver. They
+are imported only when a RasterRenderer is made.
 """
 
 from evs.emulator.render.raster.renderer import RasterRenderer

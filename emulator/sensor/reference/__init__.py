@@ -1,1 +1,1 @@
-"""Laws of the pixel in NumPy, byte for byte those of core/sensor."""
+"""Laws of the pixel in NumPy, with the same bytes as core/sensor."""

@@ -1,4 +1,4 @@
-"""The recipe of training scenes: MJCF text from a seed and a number, and from nothing else."""
+"""Generate training scenes: MJCF text that depends only on a seed and a number."""
 
 from evs_lab.training.scenes.scene import CAMERA, KINDS, START, TrainingScene, make_scene
 
