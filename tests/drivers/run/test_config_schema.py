@@ -16,21 +16,29 @@ from evs.emulator.config import settings
 from evs.msgs import EvsError
 
 PIPELINES = sorted(Path(evs.__file__).parent.glob("config/pipelines/*.toml"))
-VALIDATOR = jsonschema.Draft7Validator(pipeline_schema())
 
 
-def test_it_is_a_schema_with_every_key_and_its_meaning() -> None:
-    jsonschema.Draft7Validator.check_schema(VALIDATOR.schema)
+@pytest.fixture(scope="module")
+def validator() -> jsonschema.Draft7Validator:
+    return jsonschema.Draft7Validator(pipeline_schema())
+
+
+def test_it_is_a_schema_with_every_key_and_its_meaning(
+    validator: jsonschema.Draft7Validator,
+) -> None:
+    jsonschema.Draft7Validator.check_schema(validator.schema)
     for name in settings.key_names(config.PipelineConfig):
-        place: Any = VALIDATOR.schema
+        place: Any = validator.schema
         for part in name.split("."):
             place = place["items"] if part == "N" else place["properties"][part]
         assert place.get("description") or place["type"] in ("object", "array"), name
 
 
 @pytest.mark.parametrize("path", PIPELINES, ids=lambda path: path.stem)
-def test_every_pipeline_that_comes_with_evs_is_valid(path: Path) -> None:
-    VALIDATOR.validate(tomllib.loads(path.read_text()))
+def test_every_pipeline_that_comes_with_evs_is_valid(
+    validator: jsonschema.Draft7Validator, path: Path
+) -> None:
+    validator.validate(tomllib.loads(path.read_text()))
 
 
 VALID = [
@@ -61,14 +69,16 @@ def loads(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", VALID)
-def test_what_is_valid_is(text: str) -> None:
-    VALIDATOR.validate(tomllib.loads(text))
+def test_what_is_valid_is(validator: jsonschema.Draft7Validator, text: str) -> None:
+    validator.validate(tomllib.loads(text))
 
 
 @pytest.mark.parametrize(("text", "key"), INVALID)
-def test_what_the_loader_refuses_is_an_error_at_its_key(text: str, key: str) -> None:
+def test_what_the_loader_refuses_is_an_error_at_its_key(
+    validator: jsonschema.Draft7Validator, text: str, key: str
+) -> None:
     tables = tomllib.loads(text)
-    errors = list(VALIDATOR.iter_errors(tables))
+    errors = list(validator.iter_errors(tables))
     assert len(errors) == 1
     assert key in f"{errors[0].json_path} {errors[0].message}"
     with pytest.raises(EvsError):

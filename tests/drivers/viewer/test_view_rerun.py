@@ -13,6 +13,7 @@ import time
 import urllib.request
 from collections import Counter
 from datetime import timedelta
+from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -31,7 +32,9 @@ from evs.msgs import EventPacket, EvsError, Frame, Pose, StreamInfo, make_events
 from evs.msgs.pictures import OFF_RGB, ON_RGB
 from tests.support.full_disk import fill
 
-pytest.importorskip("rerun", reason="the extra `view` is not installed")
+pytestmark = pytest.mark.skipif(
+    find_spec("rerun") is None, reason="the extra `view` is not installed"
+)
 
 OPTICS = {
     "width": 64,

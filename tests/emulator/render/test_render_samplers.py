@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from evs.emulator import _core
 from evs.emulator.base.scene import CameraPose, Shape
@@ -83,7 +83,7 @@ def test_seeds_and_samples_are_new_points() -> None:
     pixels = np.arange(4096)
     for sampler in ("owen", "sobol", "random"):
         a, b = (points(sampler, 0, 2, pixels, seed=s) for s in (1, 2))
-        assert abs(stats.pearsonr(a[:, 0], b[:, 0])[0]) < 4.5 / np.sqrt(4096)
+        assert abs(scipy.stats.pearsonr(a[:, 0], b[:, 0])[0]) < 4.5 / np.sqrt(4096)
         assert (a != b).any(1).mean() > 0.99
 
 
@@ -136,7 +136,7 @@ def test_a_surface_draws_from_its_density(name: str, degrees: float) -> None:
     mirrored, alive = found["mirrored"] == 1, found["alive"] == 1
     # the mirror has its share, and shows the mirror's direction
     share = surface["mirror"]
-    count = stats.binomtest(int(mirrored.sum()), DRAWS, share) if share else None
+    count = scipy.stats.binomtest(int(mirrored.sum()), DRAWS, share) if share else None
     assert count is None or count.pvalue > LEAST
     shown = found["direction"][mirrored]
     np.testing.assert_allclose(shown, np.tile(eye * [-1, -1, 1], (len(shown), 1)), atol=1e-5)
@@ -262,4 +262,4 @@ def test_the_sky_is_aimed_at_by_its_density() -> None:
     np.testing.assert_allclose(light, shown.sky_radiance(direction), rtol=0.02, atol=0.004)
     assert p_of_directions(direction, lambda w: told(stage, point, w), 0, (48, 96)) > LEAST
     # where it is bright it is aimed at more often
-    assert stats.spearmanr(density, light @ [0.2126, 0.7152, 0.0722])[0] > 0.8
+    assert scipy.stats.spearmanr(density, light @ [0.2126, 0.7152, 0.0722])[0] > 0.8

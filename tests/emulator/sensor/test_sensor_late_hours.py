@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
@@ -108,12 +108,12 @@ def test_after_a_day_noise_has_its_rates_and_its_stamps() -> None:
     a, b = (counts.astype(float) for counts in pixel)
     assert a.sum() > 6_000
     chi_square = ((a - b) ** 2 / np.maximum(a + b, 1)).sum()
-    assert chi_square < stats.chi2.ppf(0.999, np.count_nonzero(a + b))
+    assert chi_square < scipy.stats.chi2.ppf(0.999, np.count_nonzero(a + b))
     for p in (0, 1):
         total, later = a[p::2].sum(), b[p::2].sum()
         assert abs(total - later) < 3.3 * math.sqrt(total + later)
     # every microsecond of a tick still has its share: nothing is rounded coarser
     place = np.bincount((late["t"] - 1) % TICK_US, minlength=TICK_US)
-    assert stats.chisquare(place).pvalue > 1e-3
+    assert scipy.stats.chisquare(place).pvalue > 1e-3
     # and it is other noise, not the same again
     assert not np.array_equal(late["t"] - DAY_US, first["t"])

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from evs import SensorConfig
 from evs.emulator.base.scene import F32
@@ -49,12 +49,12 @@ def test_shot_noise_has_its_rate_in_ticks_of_any_length(tick_us: int) -> None:
     expected = rate_hz * share * SIDE  # of a column in a second
     found = np.bincount(events["x"], minlength=SIDE)
     chi_square = ((found - expected) ** 2 / expected).sum()
-    assert stats.chi2.ppf(0.0005, SIDE) < chi_square < stats.chi2.ppf(0.9995, SIDE)
+    assert scipy.stats.chi2.ppf(0.0005, SIDE) < chi_square < scipy.stats.chi2.ppf(0.9995, SIDE)
     # half of them ON; and at any time of the tick
     on = np.count_nonzero(events["p"])
     assert abs(on - len(events) / 2) < 3.3 * math.sqrt(len(events) / 4)
     place = np.bincount((events["t"] - 1) % tick_us * 20 // tick_us, minlength=20)
-    assert stats.chisquare(place).pvalue > 1e-3
+    assert scipy.stats.chisquare(place).pvalue > 1e-3
 
 
 @pytest.mark.statistical
@@ -71,7 +71,7 @@ def test_moving_light_and_noise_have_the_same_rates(tick_us: int) -> None:
     a, b = counts(run(sensor, light, tick_us, SECOND)), counts(run(sensor, light, 100, SECOND))
     assert b.sum() > 50_000
     chi_square = ((a - b) ** 2 / (a + b)).sum()
-    assert chi_square < stats.chi2.ppf(0.999, 100)
+    assert chi_square < scipy.stats.chi2.ppf(0.999, 100)
 
 
 def triangle(t_us: float) -> F32:

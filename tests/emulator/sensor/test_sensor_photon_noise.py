@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import optimize
+import scipy
 
 from evs.emulator import _core
 from evs.emulator.base.scene import F32, F64
@@ -330,7 +330,7 @@ def test_s_curves_give_back_threshold_dark_current_and_noise() -> None:
 
     truth = np.log([S_THETA, S_DARK_LUX, S_POWER])
     start = truth + [0.3, -0.5, 0.6]
-    fit = optimize.minimize(deviance, start, method="Nelder-Mead", options={"maxfev": 400})
+    fit = scipy.optimize.minimize(deviance, start, method="Nelder-Mead", options={"maxfev": 400})
     theta, dark_lux, power = np.exp(fit.x - truth)
     assert theta == pytest.approx(1.0, abs=0.03)
     assert dark_lux == pytest.approx(1.0, abs=0.03)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from evs.emulator import _core
 from evs.emulator.sensor import PlainModel, SensorParameters
@@ -29,7 +29,7 @@ def test_periods_are_log_normal_and_their_mean_is_what_was_set() -> None:
     logs = np.log10(periods)
     assert abs(logs.std() / 0.15 - 1.0) < 4.5 / math.sqrt(2 * count)
     # normal logarithms; whole us are far below the spread
-    shape = stats.kstest(((logs - logs.mean()) / logs.std()).ravel(), "norm")
+    shape = scipy.stats.kstest(((logs - logs.mean()) / logs.std()).ravel(), "norm")
     assert shape.pvalue > 1e-3
     # another seed is another sensor, and no other term moves
     other = PlainModel(SENSOR).pattern(2).refractory_us

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import Events
@@ -41,7 +41,7 @@ def test_stamps_of_moving_light() -> None:
     significance = 1e-3 / len(busy)
     for stamps in busy:
         found = np.bincount(stamps // 20, minlength=50)
-        assert stats.chisquare(found).pvalue > significance
+        assert scipy.stats.chisquare(found).pvalue > significance
 
 
 @pytest.mark.statistical

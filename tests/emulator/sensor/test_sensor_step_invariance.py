@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from evs.emulator.base.scene import F32, F64
 from evs.emulator.sensor import SensorParameters
@@ -44,7 +44,7 @@ def test_rates_do_not_depend_on_the_tick(tick_us: int) -> None:
     # homogeneity of two rows of counts, significance 1e-3
     a, b = counts(coarse, 20_000), counts(fine, 20_000)
     chi_square = ((a - b) ** 2 / np.maximum(a + b, 1)).sum()
-    assert chi_square < stats.chi2.ppf(0.999, np.count_nonzero(a + b))
+    assert chi_square < scipy.stats.chi2.ppf(0.999, np.count_nonzero(a + b))
 
 
 @pytest.mark.statistical

@@ -10,7 +10,7 @@ import math
 import mujoco
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from evs.emulator import ClosedLoop
 from evs.emulator.config import SensorConfig
@@ -49,7 +49,7 @@ def test_delays_are_normal_around_the_declared_one(term, jitter_us):
     assert abs(took.var() - variance) < 5 * variance * math.sqrt(2 / SENT)
     # the distribution is normal, apart from rounding
     spread = took + np.random.default_rng(1).uniform(-0.5, 0.5, SENT)
-    assert stats.kstest(spread, "norm", (50_000, jitter_us)).pvalue > 1e-6
+    assert scipy.stats.kstest(spread, "norm", (50_000, jitter_us)).pvalue > 1e-6
     # neighbours are independent
     same = np.corrcoef(took[1:], took[:-1])[0, 1]
     assert abs(same) < 5 / math.sqrt(SENT)
@@ -102,7 +102,7 @@ def test_a_loop_hands_packets_out_as_late_as_the_jitter_says():
         assert abs(loop.dropped[name] - 0.1 * ticks) < 5 * math.sqrt(ticks * 0.09)
         assert set(decisions) == {0, 1}
         # late means round(20 N) > 0: a jitter below half a microsecond does not count
-        share = stats.norm.sf(0.5 / 20)
+        share = scipy.stats.norm.sf(0.5 / 20)
         assert abs(np.mean(decisions) - share) < 5 * math.sqrt(share * (1 - share) / count)
     both = min(map(len, late.values()))
     assert both > 0.8 * ticks

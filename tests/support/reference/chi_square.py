@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+import scipy
 
 F64 = npt.NDArray[np.float64]
 
@@ -36,7 +36,7 @@ def p_of_counts(counts: F64, expected: F64) -> float:
     wanted = np.concatenate([pooled, expected[rare:]])
     found = np.concatenate([drawn, counts[rare:]])
     statistic = float(np.sum((found - wanted) ** 2 / wanted))
-    return float(stats.chi2.sf(statistic, len(wanted) - 1))
+    return float(scipy.stats.chi2.sf(statistic, len(wanted) - 1))
 
 
 def p_of_directions(

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 from PIL import Image
-from scipy import stats
 
 F64 = npt.NDArray[np.float64]
 
@@ -54,14 +54,14 @@ def judge(ours: F64, theirs: F64) -> Verdict:
     for side in scales:
         a, b = (_blocks(stack, side) for stack in (ours, theirs))
         z, freedom, error = _welch(a, b)
-        found[side] = z, 2 * stats.t.sf(np.abs(z), freedom)
+        found[side] = z, 2 * scipy.stats.t.sf(np.abs(z), freedom)
         tests += z.size
     side = min(scales, key=lambda s: found[s][1].min())
     least = float(found[side][1].min())
     row, column = np.unravel_index(np.argmin(found[side][1]), found[side][1].shape)
     # the whole picture came last
     mean = float(theirs.mean())
-    needed = stats.t.isf(sidak(SIGNIFICANCE, tests) / 2, freedom[0, 0])
+    needed = scipy.stats.t.isf(sidak(SIGNIFICANCE, tests) / 2, freedom[0, 0])
     return Verdict(
         {key: value[0] for key, value in found.items()},
         float(-np.expm1(tests * np.log1p(-min(least, 1 - 1e-16)))),

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -14,8 +15,11 @@ from evs.launch.main import main
 from evs.tools.dataset.manifest import MANIFEST, listed
 from links.nodes import nodes
 
-pytest.importorskip("ray")
-pytestmark = [pytest.mark.integration, pytest.mark.slow]
+pytestmark = [
+    pytest.mark.integration,
+    pytest.mark.slow,
+    pytest.mark.skipif(find_spec("ray") is None, reason="the extra `cluster` is not installed"),
+]
 
 WORDS = ["--short", "--scenes", "park,workshop", "--duration", "0.15", "sensor.width=43"]
 

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +22,15 @@ from links.nodes import Nodes, nodes
 from reference.worlds_alone import SWING
 from speed import jobs
 
-pytest.importorskip("ray")
-pytestmark = [pytest.mark.integration, pytest.mark.slow]
+pytestmark = [
+    pytest.mark.integration,
+    pytest.mark.slow,
+    pytest.mark.skipif(find_spec("ray") is None, reason="the extra `cluster` is not installed"),
+]
 
 PROGRAM = """
 import json, pickle, sys
+from importlib.util import find_spec
 from pathlib import Path
 from evs.drivers.run.stop_signals import stop_signals
 from evs.tools.jobs import run_jobs
@@ -51,6 +56,7 @@ with stop_signals() as stopped:
 
 SIMULATE = """
 import hashlib, os, pickle, signal, sys
+from importlib.util import find_spec
 from pathlib import Path
 import numpy as np
 import evs
