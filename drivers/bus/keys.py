@@ -21,7 +21,7 @@ from zmq.utils import z85
 
 from evs.drivers.bus.sockets import Context, Socket, readable
 from evs.emulator.base.small_files import is_file
-from evs.emulator.config.settings import read_toml
+from evs.emulator.config.decoding import read_toml
 from evs.msgs import EvsError
 
 PUBLIC, SECRET = ".key", ".secret.key"

@@ -14,8 +14,8 @@ from evs.drivers.environments.episode import EpisodeSpec
 from evs.emulator import Worlds
 from evs.emulator.base.scene import GroundTruth
 from evs.emulator.config import CameraConfig, SceneConfig
+from evs.emulator.config.decoding import plain_integer
 from evs.emulator.config.keywords import fields_as_keywords
-from evs.emulator.config.settings import plain_integer
 from evs.emulator.simulation.scene_ranges import begin, check_start
 from evs.emulator.simulation.stacked_arrays import StackedArrays
 from evs.emulator.world import ControlFunction, MjData, Scene

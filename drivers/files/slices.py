@@ -10,7 +10,7 @@ import numpy as np
 
 from evs.drivers.files.formats import AnyPath
 from evs.drivers.files.reading import Recording, read
-from evs.emulator.config.settings import plain_integer
+from evs.emulator.config.decoding import plain_integer
 from evs.msgs import Events, EvsError
 
 Encode = Callable[[Events, tuple[int, int]], Any]

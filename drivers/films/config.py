@@ -9,7 +9,7 @@ from pathlib import Path
 
 from evs.emulator.base.small_files import read_small_text
 from evs.emulator.camera.frame_light import UNITS
-from evs.emulator.config import ModelConfig, SensorConfig, settings
+from evs.emulator.config import ModelConfig, SensorConfig, decoding
 from evs.msgs import EvsError, unknown
 
 FITS = ("crop", "stretch", "exact")
@@ -70,7 +70,7 @@ def load_film_config(overrides: Iterable[tuple[str, str]] = ()) -> FilmRunConfig
     Raises:
         EvsError: An unknown key or a bad value, with the path to it.
     """
-    config = settings.override(FilmRunConfig(), overrides)
+    config = decoding.override(FilmRunConfig(), overrides)
     check(config)
     return config
 

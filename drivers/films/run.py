@@ -16,7 +16,7 @@ from evs.drivers.run.run_loop import RunLoop
 from evs.drivers.run.sink_set import SinkSet
 from evs.drivers.run.stop_signals import stop_signals
 from evs.drivers.sink import Sink
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.emulator.sensor import resolve_sensor
 from evs.msgs import EvsError
 
@@ -53,7 +53,7 @@ def emulate_film(
     with closing(source):
         world = FilmWorld(source, config, watch)
         run = _FilmRun(world, sinks, watch, source.count, progress, warn)
-        plain = {**settings.to_plain(config), "file": str(film)}
+        plain = {**decoding.to_plain(config), "file": str(film)}
         return run.run(None, on_report, plain)
 
 

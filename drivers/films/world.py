@@ -18,7 +18,7 @@ from evs.emulator import Pixels
 from evs.emulator.base.protocols import Meter
 from evs.emulator.base.scene import F32, GroundTruth
 from evs.emulator.camera.frame_light import FrameLight
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.emulator.sensor import SensorParameters, resolve_sensor
 from evs.msgs import EventPacket, EvsError, Frame, StreamInfo
 
@@ -205,7 +205,7 @@ class FilmCamera:
         self, pixels: Pixels, config: FilmRunConfig, source: FilmFile | FrameFolder
     ) -> None:
         self.pixels = pixels
-        film = settings.to_plain(config.film)
+        film = decoding.to_plain(config.film)
         plain = {**pixels.info.config, "film": {**film, "file": str(source.path)}}
         self.info: StreamInfo = dataclasses.replace(pixels.info, config=plain)
         self.rebuilt: dict[str, int] = {}

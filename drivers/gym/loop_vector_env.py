@@ -14,8 +14,8 @@ from evs.drivers.gym.loop_env import METADATA
 from evs.drivers.gym.task import Task, TaskSpec, random_unchanged_on_error
 from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.config import CameraConfig
+from evs.emulator.config.decoding import plain_integer
 from evs.emulator.config.keywords import fields_as_keywords
-from evs.emulator.config.settings import plain_integer
 from evs.emulator.sensor.randomisation import DrawnSensor
 from evs.emulator.simulation.scene_ranges import DrawnScene, begin
 from evs.emulator.world import MjData, Scene

@@ -14,8 +14,8 @@ import numpy.typing as npt
 from evs.drivers.environments.episode import EpisodeSpec
 from evs.drivers.gym.library import spaces
 from evs.emulator.config import SensorConfig
+from evs.emulator.config.decoding import plain_integer
 from evs.emulator.config.keywords import named_keywords
-from evs.emulator.config.settings import plain_integer
 from evs.emulator.simulation.scene_ranges import check_start
 from evs.emulator.simulation.stacked_arrays import FULL, StackedArrays
 from evs.emulator.world import MjModel, NamedSensors, actuator_names, control_range

@@ -20,7 +20,7 @@ from evs.drivers.sink import Sink
 from evs.drivers.sink_config import FileSink, SinkConfig, is_key_file
 from evs.emulator.base.package_paths import beside, in_package
 from evs.emulator.base.small_files import is_file
-from evs.emulator.config import RunConfig, settings
+from evs.emulator.config import RunConfig, decoding
 from evs.emulator.config.declaration import any_path, parameter
 from evs.emulator.config.schema import LoopConfig
 from evs.emulator.render.registry import SEEDS
@@ -195,15 +195,15 @@ def load(
     """
     path = None if file is None else find_pipeline(file)
     if path is None:
-        config = settings.build(PipelineConfig, tables or {}, in_package)
+        config = decoding.build(PipelineConfig, tables or {}, in_package)
     else:
-        tables = settings.read_toml(path)
+        tables = decoding.read_toml(path)
         try:
-            config = settings.build(PipelineConfig, tables, lambda it: in_package(beside(path, it)))
+            config = decoding.build(PipelineConfig, tables, lambda it: in_package(beside(path, it)))
         except EvsError as error:
             raise EvsError(f"{path}: {error}") from None
     if overrides := list(overrides):
-        config = settings.override(config, overrides, in_package)
+        config = decoding.override(config, overrides, in_package)
     config = _passed_on(config)
     check(config, path)
     return config
@@ -291,7 +291,7 @@ def make_sink(config: SinkConfig) -> Sink:
     # made here too, so that a bad value is reported before anything starts
     return WorkerSink(
         config.make(),
-        settings.to_plain(config.having(worker=None)),
+        decoding.to_plain(config.having(worker=None)),
         lossless=bool(config.path),
         ring_mb=config.worker_mb,
         cores=config.worker_cores or None,
@@ -315,7 +315,7 @@ def find_pipeline(word: str) -> Path:
         return known[word]
     if path.is_dir():
         raise EvsError(f"'{word}' is a folder; give a pipeline file (.toml)")
-    if word in settings.key_names(PipelineConfig):
+    if word in decoding.key_names(PipelineConfig):
         raise EvsError(f"{word} has no value; give it as {word}=VALUE")
     names = ", ".join(nearest_first(path.stem, known))
     raise EvsError(f"no pipeline file '{word}'; evs itself comes with: {names}")
@@ -350,11 +350,11 @@ def sinks_of(words: Iterable[str]) -> list[SinkConfig]:
     Raises:
         EvsError: A bad value, with the path to it.
     """
-    keys = [settings.split_word(word) for word in words]
+    keys = [decoding.split_word(word) for word in words]
     for key, _ in keys:
         if not key.startswith("sink."):
             raise EvsError(f"no key '{key}' here: give those of sinks, as in sink.0.type=dv")
-    found = settings.override(PipelineConfig(), keys)
+    found = decoding.override(PipelineConfig(), keys)
     for place, sink in enumerate(found.sink):
         sink.check(f"sink.{place}")
         for key in sink.of_the_sensor:

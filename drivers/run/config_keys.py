@@ -15,7 +15,7 @@ from typing import Any
 
 from evs.drivers.run.config import PipelineConfig
 from evs.emulator.config.declaration import Declaration, declaration
-from evs.emulator.config.settings import hints_of, table_of, to_plain, to_text, variants_of
+from evs.emulator.config.decoding import hints_of, table_of, to_plain, to_text, variants_of
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.msgs import EvsError
 
 SCENE = "scene"
@@ -58,7 +58,7 @@ def read_ranges(file: str | Path) -> dict[str, str]:
     """
     path = Path(file).expanduser()
     try:
-        found = settings.build(RandomiseFile, settings.read_toml(path))
+        found = decoding.build(RandomiseFile, decoding.read_toml(path))
     except EvsError as error:
         text = str(error)
         raise EvsError(text if str(path) in text else f"{path}: {text}") from None
@@ -68,7 +68,7 @@ def read_ranges(file: str | Path) -> dict[str, str]:
 
 
 def range_overrides(words: Iterable[str]) -> list[tuple[str, str]]:
-    """What --randomise gives, as dotted keys and texts for settings.override.
+    """What --randomise gives, as dotted keys and texts for decoding.override.
 
     Args:
         words: Each a TOML file of ranges, or KEY=RANGE; later ones win.
@@ -78,7 +78,7 @@ def range_overrides(words: Iterable[str]) -> list[tuple[str, str]]:
     """
     found = []
     for word in words:
-        given = [settings.split_word(word)] if "=" in word else read_ranges(word).items()
+        given = [decoding.split_word(word)] if "=" in word else read_ranges(word).items()
         found += [(f"randomise.{key.removeprefix('randomise.')}", text) for key, text in given]
     return found
 
@@ -89,4 +89,4 @@ def ranges_of(words: Iterable[str]) -> dict[str, str]:
     Raises:
         EvsError: As range_overrides.
     """
-    return dict(settings.override(RandomiseFile(), range_overrides(words)).randomise)
+    return dict(decoding.override(RandomiseFile(), range_overrides(words)).randomise)

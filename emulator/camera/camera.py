@@ -18,7 +18,7 @@ from evs.emulator.camera.pixel_pipeline import DoneTick, LentPixels, PixelPipeli
 from evs.emulator.camera.scene_plan import ScenePlan, is_unlit, plan_scene
 from evs.emulator.camera.view import SceneView, Viewpoint, covered_by, may_be_covered
 from evs.emulator.config import PlanConfig, RunConfig, SensorConfig
-from evs.emulator.config.settings import plain_config, with_keys
+from evs.emulator.config.decoding import plain_config, with_keys
 from evs.emulator.optics import camera_info
 from evs.emulator.optics.camera_info import pose_message
 from evs.emulator.render import flicker_warnings

@@ -27,7 +27,7 @@ from evs.emulator.config import (
     SceneConfig,
     SensorConfig,
 )
-from evs.emulator.config.settings import plain_config, plain_integer
+from evs.emulator.config.decoding import plain_config, plain_integer
 from evs.emulator.optics import camera_info
 from evs.emulator.optics.camera_info import pose_message
 from evs.emulator.render import make_renderer

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from evs.emulator.base.small_files import is_file, read_small_text
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.declaration import declaration
-from evs.emulator.config.settings import hints_of
+from evs.emulator.config.decoding import hints_of
 from evs.emulator.sensor.bias_laws import Nominal, effective, nominal_biases, with_biases
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.msgs import EvsError, unknown

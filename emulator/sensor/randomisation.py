@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.declaration import declaration
-from evs.emulator.config.settings import plain_config, plain_integer, plain_number
+from evs.emulator.config.decoding import plain_config, plain_integer, plain_number
 from evs.emulator.sensor.bias_laws import effective
 from evs.emulator.sensor.presets import flat, preset_biases, resolve_sensor
 from evs.emulator.sensor.ranges import (

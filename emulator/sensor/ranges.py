@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from decimal import Context, Decimal, localcontext
 from itertools import chain
 
-from evs.emulator.config.settings import plain_integer
+from evs.emulator.config.decoding import plain_integer
 from evs.emulator.sensor.random import indexed_normals, indexed_uniforms
 from evs.msgs import EvsError, nearest_first, unknown
 

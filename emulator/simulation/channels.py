@@ -15,8 +15,8 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from evs.emulator.base.scene import F64
+from evs.emulator.config.decoding import plain_config
 from evs.emulator.config.schema import DelayConfig
-from evs.emulator.config.settings import plain_config
 from evs.emulator.sensor.random import Term, indexed_normals, indexed_uniforms
 from evs.emulator.state import MOST, Saved, joined, number, numbers, part
 from evs.msgs import (

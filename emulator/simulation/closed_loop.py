@@ -14,8 +14,8 @@ from evs.emulator.base.protocols import Commit, Meter
 from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.base.scene import F64
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
+from evs.emulator.config.decoding import plain_integer, plain_number
 from evs.emulator.config.schema import DelayConfig
-from evs.emulator.config.settings import plain_integer, plain_number
 from evs.emulator.simulation.channels import Channels, check_delays
 from evs.emulator.simulation.world import World, over_at_once, prepare_restore_worlds, reset_worlds
 from evs.emulator.state import (

@@ -15,7 +15,7 @@ from evs.emulator.camera.auxiliary_sensors import AuxiliarySensors
 from evs.emulator.camera.frame_light import FrameLight, frame_array
 from evs.emulator.camera.pixel_pipeline import DoneTick, PixelPipeline
 from evs.emulator.config import ModelConfig, SensorConfig
-from evs.emulator.config.settings import plain_config, plain_integer, with_keys
+from evs.emulator.config.decoding import plain_config, plain_integer, with_keys
 from evs.emulator.sensor import completed, resolve_sensor
 from evs.emulator.state import Resumable, Saved, joined, number, numbers, part, whole, words
 from evs.msgs import (

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator import _core
-from evs.emulator.config.settings import plain_integer
+from evs.emulator.config.decoding import plain_integer
 from evs.emulator.representations import NEVER
 from evs.emulator.simulation.worlds import WorldsEvents
 from evs.msgs import EvsError, unknown

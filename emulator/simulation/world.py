@@ -28,7 +28,7 @@ from evs.emulator.config import (
     SensorConfig,
     VisualConfig,
 )
-from evs.emulator.config.settings import plain_config, plain_integer
+from evs.emulator.config.decoding import plain_config, plain_integer
 from evs.emulator.simulation.snapshot_history import SnapshotHistory
 from evs.emulator.state import (
     Resumable,

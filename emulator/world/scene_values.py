@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.rollback import unchanged_on_error
-from evs.emulator.config.settings import plain_number
+from evs.emulator.config.decoding import plain_number
 from evs.emulator.world.model import new_data, one_line
 from evs.emulator.world.scene_keys import (
     ATTRIBUTES,

@@ -12,7 +12,7 @@ import numpy as np
 
 from evs.emulator.base.scene import I32, Shape
 from evs.emulator.config import VisualConfig
-from evs.emulator.config.settings import plain_config
+from evs.emulator.config.decoding import plain_config
 from evs.emulator.world.materials import Rgba, geom_rgba, site_rgba
 from evs.emulator.world.model import name_of, warn_left_out
 from evs.msgs import EvsError

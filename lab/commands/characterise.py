@@ -6,7 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
-from evs.emulator.config import RunConfig, settings
+from evs.emulator.config import RunConfig, decoding
 from evs.msgs import EvsError
 
 KEYS = ("sensor", "seed", "threads")
@@ -103,12 +103,12 @@ def _config(args: argparse.Namespace) -> RunConfig:
         names = ", ".join(f"'{name}'" for name in sensors) or "none"
         raise EvsError(f"one sensor is measured at a time, given: {names} (try: --help)")
     overrides = [("sensor.preset", sensors[0])]
-    overrides += [settings.split_word(word) for word in args.words if "=" in word]
+    overrides += [decoding.split_word(word) for word in args.words if "=" in word]
     overrides += [(key, text) for key in ("seed", "threads") if (text := getattr(args, key))]
     for key, _ in overrides:
         if key.partition(".")[0] not in KEYS:
             raise EvsError(f"{key} has no meaning for a sensor alone; give keys of sensor")
-    config = settings.override(RunConfig(), overrides)
+    config = decoding.override(RunConfig(), overrides)
     if config.seed < 0:
         raise EvsError(f"at seed: {config.seed}; give 0 or more")
     return config

@@ -17,7 +17,7 @@ from evs.drivers.run.config import check, load, make_sink
 from evs.drivers.run.report import Report
 from evs.drivers.run.run import run
 from evs.emulator import World
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.msgs import EventPacket, Events, EvsError, join_events
 
 IDEAL = {"preset": "ideal", "width": 32, "height": 24}
@@ -138,7 +138,7 @@ def _capture(
         observers=[keep],
         warn=messages.append,
         on_report=on_report,
-        config=settings.to_plain(config),
+        config=decoding.to_plain(config),
     )
     if [line for line in report.warnings if line not in world.left_out] != messages:
         raise EvsError("the report's warnings are not those that were said")

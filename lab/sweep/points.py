@@ -10,7 +10,7 @@ from typing import Any
 
 from evs.drivers.run.config import PipelineConfig, find_pipeline
 from evs.emulator.camera.pixel_pipeline import check_chunk
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.emulator.render.registry import SEEDS
 from evs.emulator.render.selection import check_render
 from evs.msgs import EvsError
@@ -59,7 +59,7 @@ def preset_of(name: str) -> PipelineConfig:
     """
     path = find_pipeline(name)
     try:
-        config = settings.build(PipelineConfig, settings.read_toml(path))
+        config = decoding.build(PipelineConfig, decoding.read_toml(path))
         check(config)
     except EvsError as error:
         raise EvsError(f"preset '{name}' ({path}): {error}") from None
@@ -71,8 +71,8 @@ def configured(base: PipelineConfig, changes: Mapping[str, Setting]) -> Pipeline
     for key in changes:
         if key.partition(".")[0] not in SHAPING:
             raise EvsError(f"at {key}: a sweep changes only keys of {', '.join(SHAPING)}")
-    texts = [(key, settings.to_text(value)) for key, value in changes.items()]
-    base = settings.override(base, texts)
+    texts = [(key, decoding.to_text(value)) for key, value in changes.items()]
+    base = decoding.override(base, texts)
     check(base)
     return base
 
@@ -91,7 +91,7 @@ def check(config: PipelineConfig) -> None:
 
 def differences(base: PipelineConfig, other: PipelineConfig) -> dict[str, Setting]:
     """The keys of `other` that differ, by their dotted names, with its values."""
-    before, after = (_flat(settings.to_plain(config)) for config in (base, other))
+    before, after = (_flat(decoding.to_plain(config)) for config in (base, other))
     return {key: value for key, value in after.items() if before.get(key) != value}
 
 
@@ -121,5 +121,5 @@ def _flat(tables: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def shaping(config: PipelineConfig) -> dict[str, Any]:
     """Everything of a configuration that can shape events or speed, in plain values."""
-    plain: dict[str, Any] = settings.to_plain(dataclasses.replace(config, duration_s=1.0))
+    plain: dict[str, Any] = decoding.to_plain(dataclasses.replace(config, duration_s=1.0))
     return {name: plain[name] for name in SHAPING}

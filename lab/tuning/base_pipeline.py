@@ -8,7 +8,7 @@ from pathlib import Path
 
 from evs.drivers.run import config as pipeline
 from evs.drivers.run.config import PRESETS, PipelineConfig, pipelines
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.emulator.world import load_model
 from evs.msgs import EvsError, unknown
 from evs_lab.evaluation.scenes import FOLDERS, VIEWS, SceneSetup
@@ -29,8 +29,8 @@ class BasePipeline:
 
     def with_settings(self, chosen: Mapping[str, Setting]) -> PipelineConfig:
         """The pipeline with these keys, except pinned ones."""
-        keys = [(k, settings.to_text(v)) for k, v in chosen.items() if k not in self.pinned]
-        return settings.override(self.config, keys)
+        keys = [(k, decoding.to_text(v)) for k, v in chosen.items() if k not in self.pinned]
+        return decoding.override(self.config, keys)
 
     def setup(self) -> SceneSetup:
         """Its scene, for evaluation.

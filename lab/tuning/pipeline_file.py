@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from evs.drivers.run.config import PipelineConfig
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.msgs import EvsError
 
 FIRST = "# Tuned by evs tune"
@@ -29,13 +29,13 @@ def pipeline_text(config: PipelineConfig, file: Path, why: Sequence[str]) -> str
         why: lines of comment.
     """
     folder = file.resolve().parent
-    config = settings.build(
-        PipelineConfig, settings.to_plain(config), lambda text: _from(folder, text)
+    config = decoding.build(
+        PipelineConfig, decoding.to_plain(config), lambda text: _from(folder, text)
     )
     lines = [f"{FIRST}: {why[0]}" if why else FIRST]
     for line in why[1:]:
         lines += textwrap.wrap(line, WIDTH, initial_indent="# ", subsequent_indent="#   ")
-    changed = _differences(settings.to_plain(PipelineConfig()), settings.to_plain(config))
+    changed = _differences(decoding.to_plain(PipelineConfig()), decoding.to_plain(config))
     tables = {name: value for name, value in changed.items() if isinstance(value, Mapping)}
     arrays = {name: value for name, value in changed.items() if _is_array(value)}
     top = {k: v for k, v in changed.items() if k not in tables and k not in arrays}
@@ -108,4 +108,4 @@ def _keys(table: Mapping[str, Any]) -> list[str]:
 
 def _value(value: Any) -> str:
     # a list of one string is written as a list with quotes: a string in it likewise
-    return settings.to_text([value])[1:-1] if isinstance(value, str) else settings.to_text(value)
+    return decoding.to_text([value])[1:-1] if isinstance(value, str) else decoding.to_text(value)

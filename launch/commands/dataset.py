@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from evs.drivers.run.sensor_ranges import range_overrides
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.msgs import EvsError
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def _scenes(args: argparse.Namespace) -> dict[str, SceneFile]:
     if args.scene and args.scenes:
         raise EvsError("--scene is your own file, --scenes selects from the set; give one of them")
     explicit = range_overrides(args.randomise)
-    explicit += [settings.split_word(word) for word in args.words if "=" in word]
+    explicit += [decoding.split_word(word) for word in args.words if "=" in word]
     for option, (key, _, _) in KEYS.items():
         text = getattr(args, option)
         if text is not None:

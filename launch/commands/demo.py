@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from evs.drivers.run import config as pipeline
 from evs.drivers.sink_config import Aedat4Sink, ZmqSink
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.launch.commands.emulate import STOPPED
 from evs.launch.support.reinvoke import program
 from evs.msgs import DEFAULT_ADDRESS, EvsError
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
 def _config(args: argparse.Namespace, recording: Path) -> pipeline.PipelineConfig:
     from evs.drivers.bus.address import free_address
 
-    overrides = [settings.split_word(word) for word in args.words]
+    overrides = [decoding.split_word(word) for word in args.words]
     if args.duration is not None:
         overrides.append(("duration_s", args.duration))
     keys = [key for key, _ in overrides]
@@ -141,7 +141,7 @@ def _emulate(
             [light],
             warn=terminal.warn,
             on_report=lambda report: write_report(report, target),
-            config=settings.to_plain(config),
+            config=decoding.to_plain(config),
         )
         counted = counter.totals() if report.ended == COMPLETE else {}
     return report, light, counted

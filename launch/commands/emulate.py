@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from evs.drivers.run import config as pipeline
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.launch.support import options
 from evs.launch.support.reinvoke import command
 
@@ -120,7 +120,7 @@ def run(args: argparse.Namespace) -> int:
                 begun=lambda: terminal.notes(world.chosen, args.quiet),
                 warn=terminal.warn,
                 on_report=write_reports,
-                config=settings.to_plain(config),
+                config=decoding.to_plain(config),
             )
             way = abs(world.data.qpos - start).max(initial=0.0)
             usual = config.scene.control in ("auto", "zero", "keyframe")

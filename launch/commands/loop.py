@@ -304,13 +304,13 @@ def _serve(args: argparse.Namespace) -> int:
     """Serve the world until it is stopped; return the exit code."""
     # here, so that --help is quick
     from evs.drivers.run import config as pipeline
-    from evs.emulator.config import settings
+    from evs.emulator.config import decoding
     from evs.examples.cartpole.environment import SCENE as CARTPOLE
     from evs.examples.goalie.environment import SCENE as GOALIE
     from evs.examples.pencil.environment import SCENE as PENCIL
     from evs.launch.support import serve_loop
 
-    keys = [settings.split_word(word) for word in args.words]
+    keys = [decoding.split_word(word) for word in args.words]
     for key, _ in keys:
         if key.partition(".")[0].partition("_")[0] not in SERVED or key in ITS_OWN:
             raise EvsError(

@@ -7,7 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from evs.drivers.run import config as pipeline
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.launch.support import options
 from evs.msgs import EvsError
 
@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
             channels,
             ticks,
             lambda frames, t_us: moved(frames, f"{t_us / 1e6:7.3f} s"),
-            settings.to_plain(config),
+            decoding.to_plain(config),
         )
     if preview is not None and done.last is not None:
         from evs.drivers.pictures import channel_page, write_png

@@ -8,7 +8,7 @@ import json
 import textwrap
 from typing import TYPE_CHECKING, Any
 
-from evs.emulator.config import RunConfig, SensorConfig, settings
+from evs.emulator.config import RunConfig, SensorConfig, decoding
 from evs.msgs import EvsError
 
 if TYPE_CHECKING:
@@ -67,11 +67,11 @@ def run(args: argparse.Namespace) -> int:
     if len(names) > 1:
         raise EvsError(f"two sensors, '{names[0]}' and '{names[1]}'; give one, then key=value")
     config = RunConfig(sensor=SensorConfig(preset=names[0]) if names else SensorConfig())
-    keys = [settings.split_word(word) for word in args.words if "=" in word]
+    keys = [decoding.split_word(word) for word in args.words if "=" in word]
     for key, _ in keys:
         if not key.startswith("sensor."):
             raise EvsError(f"{key} is not a sensor key; give keys that begin with sensor.")
-    config = settings.override(config, keys)
+    config = decoding.override(config, keys)
     if names or args.words:
         _print_one(describe_sensor(config.sensor), args.json)
         return 0
@@ -145,7 +145,7 @@ def _print_line(key: str, value: str, source: str) -> None:
 
 
 def _changed(parameter: Parameter) -> str:
-    text = settings.to_text(parameter.value)
+    text = decoding.to_text(parameter.value)
     if isinstance(parameter.value, float):
         text = f"{parameter.value:.6g}"
     return text if parameter.value == parameter.preset else f"{text}*"
@@ -154,7 +154,7 @@ def _changed(parameter: Parameter) -> str:
 def _source(parameter: Parameter) -> str:
     if parameter.value == parameter.preset:
         return parameter.source
-    return f"the preset: {settings.to_text(parameter.preset)}"
+    return f"the preset: {decoding.to_text(parameter.preset)}"
 
 
 def _range(bias: Bias) -> str:

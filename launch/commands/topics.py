@@ -7,7 +7,7 @@ import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.launch.support.options import add_key_options
 from evs.msgs import EvsError
 
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
 def _values(words: list[str]) -> dict[str, float]:
     """The numbers of KEY=VALUE; whole ones are integers. Raises EvsError."""
     found: dict[str, float] = {}
-    for key, text in map(settings.split_word, words):
+    for key, text in map(decoding.split_word, words):
         try:
             found[key] = int(text) if text.lstrip("+-").isdigit() else float(text)
         except ValueError:

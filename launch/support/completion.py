@@ -52,7 +52,7 @@ def pipeline_words(prefix: str, **_more: Any) -> list[str]:
     from argcomplete.completers import FilesCompleter
 
     from evs.drivers.run import config
-    from evs.emulator.config.settings import key_names
+    from evs.emulator.config.decoding import key_names
 
     names = [*config.pipelines(), *(f"{key}=" for key in key_names(config.PipelineConfig))]
     found = [name for name in names if name.startswith(prefix) and ".N" not in name]

@@ -73,7 +73,7 @@ def parse_pipeline(
     """
     # here, so that commands without a pipeline start quickly
     from evs.drivers.run import config as pipeline
-    from evs.emulator.config import settings
+    from evs.emulator.config import decoding
 
     files = [word for word in args.words if "=" not in word]
     scenes = [word for word in files if "scene" in options and pipeline.is_scene(word)]
@@ -83,7 +83,7 @@ def parse_pipeline(
             raise EvsError(
                 f"two {what}, '{several[0]}' and '{several[1]}'; give one, then key=value"
             )
-    overrides = [settings.split_word(word) for word in args.words if "=" in word]
+    overrides = [decoding.split_word(word) for word in args.words if "=" in word]
     overrides += [("scene.file", scene) for scene in scenes]
     words = dict(overrides)
     for option, (key, _, _) in options.items():

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from evs.drivers.lockstep import serve as served
 from evs.drivers.run import config as pipeline
 from evs.drivers.run.report import check_targets
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.launch.support import terminal
 from evs.launch.support.reinvoke import command
 from evs.launch.support.report_writer import ReportWriter
@@ -54,7 +54,7 @@ def serve(
         begun=lambda lines: terminal.notes(lines, quiet),
         ready=ready,
         on_report=write_reports,
-        report_config=settings.to_plain(config) if reported_config is None else reported_config,
+        report_config=decoding.to_plain(config) if reported_config is None else reported_config,
     )
     terminal.summary(report, quiet, [command("info", file) for file in files[:1]])
     stopped = any(sink.get("error") for sink in report.sinks)

@@ -27,7 +27,7 @@ DOORS = {
         "msgs/__init__.py",
         "tools/testing/__init__.py",
     ),
-    "msgspec": ("emulator/config/settings.py",),
+    "msgspec": ("emulator/config/decoding.py",),
     "zmq": ("drivers/bus/",),
     "h5py": ("drivers/files/hdf5/",),
     "hdf5plugin": ("drivers/files/hdf5/",),

@@ -14,7 +14,7 @@ from evs.drivers.files import messages, recorder_for, stream_of
 from evs.drivers.pictures import write_png
 from evs.emulator import World
 from evs.emulator.base.small_files import open_file
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.emulator.world import digest_of, versions
 from evs.msgs import EvsError, Frame, ImuPacket, TriggerPacket
 from evs.tools.dataset.contact_sheet import scene_page, words_of
@@ -215,7 +215,7 @@ def _describe_sequence(
     used = dataclasses.replace(
         scene, scene=config.scene, sensor=config.sensor, seed=config.seed, threads=0
     )
-    config_json = settings.to_plain(used)
+    config_json = decoding.to_plain(used)
     if sequence.rows is not None:
         config_json["controls_crc32"] = zlib.crc32(sequence.rows.tobytes())
     return {

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from evs.drivers.run.sensor_ranges import split_ranges
 from evs.emulator.base.package_paths import beside, in_package
-from evs.emulator.config import ModelConfig, RenderConfig, RunConfig, SensorConfig, settings
+from evs.emulator.config import ModelConfig, RenderConfig, RunConfig, SensorConfig, decoding
 from evs.emulator.sensor import resolve_sensor
 from evs.emulator.sensor.randomisation import DrawnSensor, SensorRanges
 from evs.emulator.simulation.scene_ranges import DrawnScene, SceneRanges
@@ -122,8 +122,8 @@ def named(name: str, overrides: Overrides = ()) -> SceneFile:
         raise EvsError(f"no scene '{name}' in the set; it has: {known} (another one: --scene FILE)")
     path = FOLDER / f"{name}.toml"
     try:
-        tables = _with_defaults(settings.read_toml(path))
-        scene = settings.build(SceneFile, tables, lambda text: in_package(beside(path, text)))
+        tables = _with_defaults(decoding.read_toml(path))
+        scene = decoding.build(SceneFile, tables, lambda text: in_package(beside(path, text)))
     except EvsError as error:
         raise EvsError(f"{path}: {error}") from None
     scene = replace(scene, scene=replace(scene.scene, file=str(FOLDER / f"{name}.xml")), name=name)
@@ -145,9 +145,9 @@ def of_file(file: str, name: str, overrides: Overrides = ()) -> SceneFile:
     """
     path = Path(file)
     toml_file = path.with_suffix(".toml")
-    tables = settings.read_toml(toml_file) if toml_file.is_file() else {}
+    tables = decoding.read_toml(toml_file) if toml_file.is_file() else {}
     try:
-        scene = settings.build(
+        scene = decoding.build(
             SceneFile, _with_defaults(tables), lambda text: in_package(beside(toml_file, text))
         )
     except EvsError as error:
@@ -173,7 +173,7 @@ def _with_defaults(tables: dict[str, object]) -> dict[str, object]:
 
 
 def _finished(scene: SceneFile, overrides: Overrides) -> SceneFile:
-    scene = settings.override(scene, overrides, in_package)
+    scene = decoding.override(scene, overrides, in_package)
     if scene.frames.spp is None:
         spp = 256 if scene.render.renderer == "path" else 64
         scene = replace(scene, frames=replace(scene.frames, spp=spp))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 from uuid import uuid4
 
-from evs.emulator.config.settings import plain_integer
+from evs.emulator.config.decoding import plain_integer
 from evs.msgs import EvsError
 from evs.tools.jobs.ray_cluster import cancel_all, check_address, connected, room
 from evs.tools.jobs.ray_node import differences, fingerprint

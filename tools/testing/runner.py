@@ -12,7 +12,7 @@ import numpy.typing as npt
 from evs.drivers.clock import monotonic_s
 from evs.emulator import ClosedLoop
 from evs.emulator.base.package_paths import in_package
-from evs.emulator.config.settings import plain_integer
+from evs.emulator.config.decoding import plain_integer
 from evs.emulator.simulation.scene_ranges import Start, begin, check_start
 from evs.emulator.world import MjData, NamedSensors, Scene
 from evs.msgs import EvsError, Observation

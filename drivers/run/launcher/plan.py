@@ -16,7 +16,7 @@ from typing import Any
 
 from evs.drivers.bus.address import free_address
 from evs.emulator.base.small_files import is_file
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.msgs import EvsError, nearest_first, unknown
 
 LAUNCH_FILES = Path(__file__).parents[3] / "config" / "launch"
@@ -81,7 +81,7 @@ class NodeConfig:
 
 @dataclass(frozen=True)
 class _File:
-    """What settings can read of a launch file."""
+    """What `decoding` reads of a launch file."""
 
     node: tuple[NodeConfig, ...] = ()
 
@@ -122,7 +122,7 @@ def read_plan(file: str, given: Iterable[str] = ()) -> LaunchPlan:
     """
     path = find_launch_file(file)
     try:
-        return _plan(settings.read_toml(path), path, given)
+        return _plan(decoding.read_toml(path), path, given)
     except EvsError as error:
         raise EvsError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
@@ -148,7 +148,7 @@ def _plan(tables: dict[str, Any], path: Path, given: Iterable[str]) -> LaunchPla
     buses = {name: _substitute(text, values, f"bus.{name}") for name, text in names["bus"].items()}
     values |= {n: free_address() if text == ANY_PORT else text for n, text in buses.items()}
     rest = {key: value for key, value in tables.items() if key not in names}
-    nodes = settings.build(_File, rest).node
+    nodes = decoding.build(_File, rest).node
     resolved = [_resolved(node, f"node.{i}", values, list(buses)) for i, node in enumerate(nodes)]
     running = [node for node in resolved if node is not None]
     if not running:
@@ -165,7 +165,7 @@ def _table(tables: dict[str, Any], key: str) -> dict[str, str]:
     for name, value in table.items():
         if not isinstance(value, (str, int, float, bool)):
             raise EvsError(f"at {key}.{name}: expected one value, as a string or a number")
-    return {n: v if isinstance(v, str) else settings.to_text(v) for n, v in table.items()}
+    return {n: v if isinstance(v, str) else decoding.to_text(v) for n, v in table.items()}
 
 
 def _resolved(

@@ -244,7 +244,7 @@ def main(link: int, number: int) -> None:
 def _open(link: socket.socket, setup: dict[str, Any]) -> tuple[Sink, list[StreamInfo]]:
     """Make the sink and open it. Raises EvsError as both do."""
     from evs.drivers.sink_config import SinkConfig
-    from evs.emulator.config import settings
+    from evs.emulator.config import decoding
 
     if setup["cores"] is not None:
         if not hasattr(os, "sched_setaffinity"):
@@ -256,7 +256,7 @@ def _open(link: socket.socket, setup: dict[str, Any]) -> tuple[Sink, list[Stream
             raise EvsError(f"worker_cores is {setup['cores']}: choose of {have}") from None
     streams = [StreamInfo(**stream) for stream in setup["streams"]]
     with _unless_abandoned(link), disk_errors():
-        sink = settings.build(SinkConfig, setup["sink"]).make()
+        sink = decoding.build(SinkConfig, setup["sink"]).make()
         try:
             sink.open(streams)
         except BaseException:

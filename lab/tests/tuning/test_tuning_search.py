@@ -10,7 +10,7 @@ import pytest
 
 from evs.drivers.run.config import PipelineConfig
 from evs.emulator.config import ModelConfig
-from evs.emulator.config.settings import override, to_text
+from evs.emulator.config.decoding import override, to_text
 from evs.msgs import EvsError
 from evs_lab.sweep.points import check
 from evs_lab.tuning.search import MOST, Search, SearchResult, TuningGoal

@@ -12,7 +12,7 @@ import pytest
 import evs
 from evs.drivers.run import config
 from evs.drivers.run.config_keys import pipeline_schema
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.msgs import EvsError
 
 PIPELINES = sorted(Path(evs.__file__).parent.glob("config/pipelines/*.toml"))
@@ -27,7 +27,7 @@ def test_it_is_a_schema_with_every_key_and_its_meaning(
     validator: jsonschema.Draft7Validator,
 ) -> None:
     jsonschema.Draft7Validator.check_schema(validator.schema)
-    for name in settings.key_names(config.PipelineConfig):
+    for name in decoding.key_names(config.PipelineConfig):
         place: Any = validator.schema
         for part in name.split("."):
             place = place["items"] if part == "N" else place["properties"][part]

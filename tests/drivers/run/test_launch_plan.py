@@ -15,7 +15,7 @@ from evs.drivers.run.launcher.plan import (
     find_launch_file,
     read_plan,
 )
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.launch.main import main
 from evs.msgs import EvsError
 
@@ -193,7 +193,7 @@ def test_a_file_without_nodes_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("file", sorted(LAUNCH_FILES.glob("*.toml")), ids=lambda file: file.stem)
 def test_every_launch_file_that_comes_with_evs_is_a_plan(file: Path) -> None:
-    needs = settings.read_toml(file).get("need", {})
+    needs = decoding.read_toml(file).get("need", {})
     assert read_plan(file.stem, [f"{name}:=x" for name in needs]).nodes
 
 

@@ -23,7 +23,7 @@ from evs.drivers.run.config import (
 from evs.drivers.run.config_keys import default_pipeline, describe
 from evs.drivers.sink_config import SinkConfig
 from evs.emulator import World
-from evs.emulator.config import RunConfig, settings
+from evs.emulator.config import RunConfig, decoding
 from evs.msgs import EvsError
 
 SCENE = [("scene.file", "x.xml")]
@@ -209,7 +209,7 @@ def test_the_default_pipeline_tells_every_key_and_its_default() -> None:
     # where they differ: python -m evs.drivers.run.config_keys > config/pipelines/default.toml
     assert text == default_pipeline(PipelineConfig)
     # what is shown as an example is possible
-    shown = settings.build(PipelineConfig, tomllib.loads(re.sub(r"(?m)^# (?=\w+ = |\[)", "", text)))
+    shown = decoding.build(PipelineConfig, tomllib.loads(re.sub(r"(?m)^# (?=\w+ = |\[)", "", text)))
     for place, sink in enumerate(shown.sink[1:]):
         sink.check(f"sink.{place}")
     # commented keys have no default or are examples; a key is told by its line
@@ -224,7 +224,7 @@ def test_the_default_pipeline_tells_every_key_and_its_default() -> None:
         key.name.replace(".N.", ".") for table in describe(PipelineConfig) for key in table.keys
     }
     assert told == wanted
-    assert settings.build(PipelineConfig, tomllib.loads(text)) == (PipelineConfig())
+    assert decoding.build(PipelineConfig, tomllib.loads(text)) == (PipelineConfig())
 
 
 def test_every_sink_is_made_unopened(tmp_path: Path) -> None:
@@ -249,7 +249,7 @@ def test_presets_want_a_scene_and_nothing_else() -> None:
     for name in PRESETS:
         config = load(name, SCENE)
         # they say how light becomes events, and nothing of where and what for
-        tables = settings.read_toml(pipelines()[name])
+        tables = decoding.read_toml(pipelines()[name])
         assert set(tables) <= {"render", "model", "sensor"}
         assert set(tables.get("sensor", {})) <= {"photocurrent_pa"}
         assert config.scene.file == "x.xml"

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.extremes
 READ = """
 import resource, sys
 from pathlib import Path
-from evs.emulator.config.settings import read_toml
+from evs.emulator.config.decoding import read_toml
 from evs.emulator.sensor.presets import _read
 from evs.emulator.sensor.parameters import ReadoutParameters
 from evs.emulator.sensor.readout import draw_fates

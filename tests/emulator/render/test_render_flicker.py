@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.config import FlickerConfig, RenderConfig
-from evs.emulator.config.settings import plain_config
+from evs.emulator.config.decoding import plain_config
 from evs.emulator.render import NativeRenderer
 from evs.emulator.render.flicker import Flicker, mean
 from evs.emulator.simulation.world import World

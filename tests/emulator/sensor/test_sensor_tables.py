@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from evs.emulator.config.declaration import any_path, parameter
-from evs.emulator.config.settings import plain_config
+from evs.emulator.config.decoding import plain_config
 from evs.emulator.sensor.presets import SensorFile, fill
 from evs.msgs import EvsError
 

@@ -16,7 +16,7 @@ from evs.emulator.config import (
     RunConfig,
     SceneConfig,
     SensorConfig,
-    settings,
+    decoding,
 )
 from evs.emulator.config.sensor import BiasConfig
 from evs.emulator.sensor import resolve_sensor
@@ -191,7 +191,7 @@ def test_info_tells_the_sensor_as_it_really_is(arm):
     assert told["pos_thres"] > 0.223 == told["neg_thres"]
     assert (told["biases"]["bias_diff_on"], told["biases"]["bias_diff_off"]) == (40, None)
     # whoever runs this configuration again has the same sensor
-    again = settings.build(SensorConfig, json.loads(json.dumps(told)))
+    again = decoding.build(SensorConfig, json.loads(json.dumps(told)))
     assert resolve_sensor(again) == resolve_sensor(sensor)
 
 

@@ -13,7 +13,7 @@ import pytest
 import evs
 from evs.drivers.files import stream_of
 from evs.emulator import World
-from evs.emulator.config import RunConfig, SensorConfig, settings
+from evs.emulator.config import RunConfig, SensorConfig, decoding
 from evs.launch.main import main
 from evs.tools.dataset import Dataset, of_file
 from evs.tools.dataset.contact_sheet import words_of
@@ -103,7 +103,7 @@ def test_the_recorded_configuration_gives_the_same_events(made: Path, ball: str)
         plain = dict(stream_of(made / sequence.name / "events.aedat4").config)
         del plain["randomised"]
         plain["scene"]["file"] = ball
-        config: RunConfig = settings.build(RunConfig, plain)
+        config: RunConfig = decoding.build(RunConfig, plain)
         alone = [
             packet.events for packets in World.from_config(config).run(0.07) for packet in packets
         ]
@@ -222,7 +222,7 @@ def test_scenes_are_drawn_recorded_and_shown(
         plain = dict(stream.config)
         del plain["randomised"]
         plain["scene"]["file"] = ball
-        config: RunConfig = settings.build(RunConfig, plain)
+        config: RunConfig = decoding.build(RunConfig, plain)
         world = World.from_config(config)
         world.reset(scene=sequence.scene_values)
         events = np.concatenate([p.events for packets in world.run(0.07) for p in packets])

@@ -8,7 +8,7 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
 from evs.drivers.run.config import PipelineConfig, load
-from evs.emulator.config import settings
+from evs.emulator.config import decoding
 from evs.msgs import EvsError
 from evs.msgs.codecs import PAYLOADS
 
@@ -98,7 +98,7 @@ def pipeline(values: Mapping[str, Any]) -> PipelineConfig:
         for name, (key, _, _) in PIPELINE.items()
         if values[name]
     ]
-    words += [settings.split_word(word) for word in values["overrides"] if word]
+    words += [decoding.split_word(word) for word in values["overrides"] if word]
     config = load(values["config"] or None, words)
     if config.is_closed:
         raise EvsError("this node has no controllers: leave lockstep and realtime.serve out")

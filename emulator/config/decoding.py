@@ -1,4 +1,4 @@
-"""Settings: TOML, `dotted.key=value` and values of Python into frozen dataclasses, checked.
+"""Decoding of keys: TOML, `dotted.key=value` and values of Python into frozen dataclasses, checked.
 
 A class maps to a table, a field to a key, a field of type tuple[SomeDataclass, ...] to an array of
 tables, a field of type Mapping[str, str] to a table whose keys are free, dotted where it has tables

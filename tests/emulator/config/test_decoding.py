@@ -1,4 +1,4 @@
-"""Settings: TOML and dotted keys into dataclasses and back, and the path to every bad value."""
+"""Decoding: TOML and dotted keys into dataclasses and back, and the path to every bad value."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from evs.drivers.run.config import PipelineConfig
 from evs.drivers.run.config_keys import describe, field_docs
 from evs.drivers.sink_config import SinkConfig
-from evs.emulator.config import RunConfig, settings
+from evs.emulator.config import RunConfig, decoding
 from evs.msgs import EvsError
 
 
@@ -67,7 +67,7 @@ def test_tables_become_dataclasses_and_absent_keys_keep_their_defaults() -> None
     text = (
         'top = 7\n[leaf]\nshare = 2\npoint = [1, 2, 3]\n[[item]]\nname = "a"\n[[item]]\ncount = 9\n'
     )
-    root = settings.build(Root, tomllib.loads(text))
+    root = decoding.build(Root, tomllib.loads(text))
     assert root == Root(
         leaf=Leaf(share=2.0, point=(1.0, 2.0, 3.0)), item=(Leaf(name="a"), Leaf(count=9)), top=7
     )
@@ -105,23 +105,23 @@ def test_tables_become_dataclasses_and_absent_keys_keep_their_defaults() -> None
     ],
 )
 def test_a_bad_value_is_told_with_its_path(text: str, said: str) -> None:
-    assert message(settings.build, Root, tomllib.loads(text)) == said
+    assert message(decoding.build, Root, tomllib.loads(text)) == said
 
 
 def test_malformed_toml_is_told_with_its_line(tmp_path: Path) -> None:
     file = tmp_path / "x.toml"
     file.write_text("a = 1\nb = = 2\n")
-    said = message(settings.read_toml, file)
+    said = message(decoding.read_toml, file)
     assert said.startswith(f"{file}: malformed TOML: ")
     assert "line 2" in said
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    assert message(settings.read_toml, tmp_path / "no.toml") == f"no file '{tmp_path}/no.toml'"
-    assert "cannot read" in message(settings.read_toml, tmp_path)
+    assert message(decoding.read_toml, tmp_path / "no.toml") == f"no file '{tmp_path}/no.toml'"
+    assert "cannot read" in message(decoding.read_toml, tmp_path)
     binary = tmp_path / "binary.toml"
     binary.write_bytes(b"\xff\xfe\x00")
-    assert "not UTF-8" in message(settings.read_toml, binary)
+    assert "not UTF-8" in message(decoding.read_toml, binary)
 
 
 @pytest.mark.parametrize(
@@ -148,12 +148,12 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     ],
 )
 def test_text_is_read_as_the_key_wants_it(key: str, text: str, expected: Root) -> None:
-    assert settings.override(Root(), [(key, text)]) == expected
+    assert decoding.override(Root(), [(key, text)]) == expected
 
 
 def test_an_array_of_tables_is_reached_by_place() -> None:
     root = Root(item=(Leaf(), Leaf()))
-    changed = settings.override(root, [("item.1.name", "b")])
+    changed = decoding.override(root, [("item.1.name", "b")])
     assert changed.item == (Leaf(), Leaf(name="b"))
     assert root.item == (Leaf(), Leaf())
 
@@ -182,24 +182,24 @@ def test_an_array_of_tables_is_reached_by_place() -> None:
     ],
 )
 def test_a_bad_override_is_told_with_its_path(key: str, text: str, said: str) -> None:
-    assert message(settings.override, Root(), [(key, text)]) == said
+    assert message(decoding.override, Root(), [(key, text)]) == said
 
 
 def test_a_table_cannot_be_set_as_a_whole() -> None:
-    assert message(settings.override, Root(), [("leaf", "1")]).startswith(
+    assert message(decoding.override, Root(), [("leaf", "1")]).startswith(
         "at leaf: is a table; set one of its keys: leaf.count, leaf.share"
     )
 
 
 def test_words_are_split_at_the_first_equals_sign() -> None:
-    assert settings.split_word(" a.b = c=d ") == ("a.b", "c=d")
-    assert "is not key=value" in message(settings.split_word, "=3")
-    assert "is not key=value" in message(settings.split_word, "abc")
+    assert decoding.split_word(" a.b = c=d ") == ("a.b", "c=d")
+    assert "is not key=value" in message(decoding.split_word, "=3")
+    assert "is not key=value" in message(decoding.split_word, "abc")
 
 
 def test_plain_values_of_a_configuration_build_it_again() -> None:
     root = Root(leaf=Leaf(point=(1.0, 2.0, 3.0), word="w"), item=(Leaf(), Leaf(flag=True)))
-    assert settings.build(Root, settings.to_plain(root)) == root
+    assert decoding.build(Root, decoding.to_plain(root)) == root
 
 
 def test_docs_come_from_the_strings_below_the_fields() -> None:
@@ -220,11 +220,11 @@ def test_every_key_of_a_pipeline_is_documented() -> None:
 def plain_keys(cls: type, prefix: str = "") -> list[tuple[str, Any]]:
     """(dotted name, annotation) of every key that holds a value; arrays of tables by place 0."""
     found = []
-    for name, annotation in settings.hints_of(cls).items():
+    for name, annotation in decoding.hints_of(cls).items():
         if isinstance(annotation, type) and hasattr(annotation, "__dataclass_fields__"):
             found += plain_keys(annotation, f"{prefix}{name}.")
-        elif inner := settings.table_of(annotation)[0]:
-            for kind in settings.variants_of(inner):
+        elif inner := decoding.table_of(annotation)[0]:
+            for kind in decoding.variants_of(inner):
                 found += plain_keys(kind, f"{prefix}{name}.0.")
         else:
             found.append((prefix + name, annotation))
@@ -280,7 +280,7 @@ def reach(config: Any, key: str) -> Any:
 def attempt(key: str, text: str) -> tuple[PipelineConfig | None, str]:
     """The changed configuration, or what was said against it."""
     try:
-        return settings.override(PipelineConfig(), overrides(key, text)), ""
+        return decoding.override(PipelineConfig(), overrides(key, text)), ""
     except EvsError as error:
         return None, str(error)
 
@@ -292,7 +292,7 @@ def test_all_keys_of_the_emulator_are_there() -> None:
     assert {"render.spp", "sensor.pos_thres", "zmq:sink.0.address", "pace"} < set(names)
     # places apart, these are the names that the nearest known key is looked for in
     bare = {name.rpartition(":")[2].replace(".0.", ".N.") for name in names}
-    assert bare <= set(settings.key_names(PipelineConfig))
+    assert bare <= set(decoding.key_names(PipelineConfig))
 
 
 @pytest.mark.property
@@ -300,11 +300,11 @@ def test_all_keys_of_the_emulator_are_there() -> None:
 def test_any_value_of_any_key_round_trips_through_text(data: st.DataObject) -> None:
     key, annotation = data.draw(st.sampled_from(KEYS))
     value = data.draw(values(annotation))
-    config = settings.override(PipelineConfig(), overrides(key, settings.to_text(value)))
+    config = decoding.override(PipelineConfig(), overrides(key, decoding.to_text(value)))
     assert reach(config, key) == value
     assert type(reach(config, key)) is type(value)
     # through JSON, as reports and recordings carry it
-    again = settings.build(PipelineConfig, json.loads(json.dumps(settings.to_plain(config))))
+    again = decoding.build(PipelineConfig, json.loads(json.dumps(decoding.to_plain(config))))
     assert again == config
 
 
@@ -333,13 +333,13 @@ def test_any_text_for_any_key_gives_a_value_of_its_type_or_one_line(data: st.Dat
 
 def test_a_table_of_free_keys_takes_dotted_keys_and_texts() -> None:
     text = 'top = 2\n[ranges]\na = "x(1, 2)"\nin.b = "y"\n[ranges.in.deep]\nc = "z"\n'
-    free = settings.build(Free, tomllib.loads(text))
+    free = decoding.build(Free, tomllib.loads(text))
     assert free == Free({"a": "x(1, 2)", "in.b": "y", "in.deep.c": "z"}, 2)
     texts = {"ranges.in.b": "w(1, 2)", "ranges.new.key": '"none"', "ranges.a": "none"}
-    free = settings.override(free, texts.items())
+    free = decoding.override(free, texts.items())
     assert free.ranges == {"in.deep.c": "z", "in.b": "w(1, 2)", "new.key": "none"}
-    plain = json.loads(json.dumps(settings.to_plain(free)))
-    assert settings.build(Free, plain) == free
+    plain = json.loads(json.dumps(decoding.to_plain(free)))
+    assert decoding.build(Free, plain) == free
 
 
 def test_mistakes_in_a_table_of_free_keys_are_one_line() -> None:
@@ -348,6 +348,6 @@ def test_mistakes_in_a_table_of_free_keys_are_one_line() -> None:
         ({"ranges": {"in": {"a": 3.5}}}, "at ranges.in.a: expected a string, got 3.5"),
         ({"rangs": {}}, "at rangs: unknown key; nearest known: ranges"),
     ):
-        assert message(settings.build, Free, tables) == says
-    says = message(settings.override, Free(), [("ranges", "x")])
+        assert message(decoding.build, Free, tables) == says
+    says = message(decoding.override, Free(), [("ranges", "x")])
     assert says == "at ranges: is a table; set one of its keys, as in ranges.KEY="
