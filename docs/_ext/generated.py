@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING
 
-from evs.drivers.run import config_keys
+from evs.drivers.run import config_reference
 from evs.drivers.run.config import PipelineConfig
 from evs.launch import main
 
@@ -92,7 +92,7 @@ def commands(names: Iterable[str] = main.COMMANDS) -> str:
 def configuration() -> str:
     """A table of keys for each table of a pipeline file."""
     found = []
-    for table in config_keys.describe(PipelineConfig):
+    for table in config_reference.describe(PipelineConfig):
         # an array has a table for each type of its items
         name = table.doc.partition(": ")[0] if table.name.endswith(".N") else f"[{table.name}]"
         found += [f"## {f'`{name}`' if table.name else 'Top level'}", ""]

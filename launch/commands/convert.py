@@ -232,7 +232,7 @@ def _step_by_step(moved: Callable[[int, str], None], steps: int) -> Callable[[fl
 def _film_keys() -> str:
     """The keys of [film], a line or two each."""
     from evs.drivers.films.config import FilmConfig
-    from evs.drivers.run.config_keys import describe
+    from evs.drivers.run.config_reference import describe
 
     (table,) = describe(FilmConfig)
     lines = []

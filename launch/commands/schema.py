@@ -18,7 +18,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(_args: argparse.Namespace) -> int:
     """Print it."""
-    from evs.drivers.run.config_keys import pipeline_schema
+    from evs.drivers.run.config_reference import pipeline_schema
 
     print(json.dumps(pipeline_schema(), indent=1))
     return 0

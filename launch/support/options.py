@@ -175,7 +175,7 @@ def keys_text(without: Collection[str] = ()) -> str:
         without: first parts of the names of the keys that are left out.
     """
     from evs.drivers.run import config as pipeline
-    from evs.drivers.run import config_keys
+    from evs.drivers.run import config_reference
 
     named = pipeline.pipelines()
     lines = [
@@ -187,7 +187,7 @@ def keys_text(without: Collection[str] = ()) -> str:
         "under its table, or here as key=value. Paths in a file are relative to that file, others",
         "to the working directory; package:path is a file inside an installed Python package.",
     ]
-    for table in config_keys.describe(pipeline.PipelineConfig):
+    for table in config_reference.describe(pipeline.PipelineConfig):
         shown = [key for key in table.keys if key.name.partition(".")[0] not in without]
         if not shown:
             continue

@@ -11,7 +11,7 @@ from types import ModuleType
 
 import pytest
 
-from evs.drivers.run import config_keys as keys
+from evs.drivers.run import config_reference as keys
 from evs.drivers.run.config import PipelineConfig
 from evs.launch.main import COMMANDS
 from evs.launch.main import LAB as LAB_COMMANDS

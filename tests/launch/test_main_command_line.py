@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from evs.drivers.run.config import PipelineConfig
-from evs.drivers.run.config_keys import describe
+from evs.drivers.run.config_reference import describe
 from evs.drivers.search_path import search_path
 from evs.launch import main
 from evs.launch.commands import emulate

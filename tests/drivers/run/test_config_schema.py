@@ -11,7 +11,7 @@ import pytest
 
 import evs
 from evs.drivers.run import config
-from evs.drivers.run.config_keys import pipeline_schema
+from evs.drivers.run.config_reference import pipeline_schema
 from evs.emulator.config import decoding
 from evs.msgs import EvsError
 

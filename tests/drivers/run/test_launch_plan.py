@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.run.config_keys import field_docs
+from evs.drivers.run.config_reference import field_docs
 from evs.drivers.run.launcher.plan import (
     LAUNCH_FILES,
     LaunchPlan,

@@ -20,7 +20,7 @@ from evs.drivers.run.config import (
     make_sink,
     pipelines,
 )
-from evs.drivers.run.config_keys import default_pipeline, describe
+from evs.drivers.run.config_reference import default_pipeline, describe
 from evs.drivers.sink_config import SinkConfig
 from evs.emulator import World
 from evs.emulator.config import RunConfig, decoding
@@ -206,7 +206,7 @@ def test_every_pipeline_that_comes_with_evs_loads(file: Path) -> None:
 
 def test_the_default_pipeline_tells_every_key_and_its_default() -> None:
     text = (PIPELINES / "default.toml").read_text()
-    # where they differ: python -m evs.drivers.run.config_keys > config/pipelines/default.toml
+    # where they differ: python -m evs.drivers.run.config_reference > config/pipelines/default.toml
     assert text == default_pipeline(PipelineConfig)
     # what is shown as an example is possible
     shown = decoding.build(PipelineConfig, tomllib.loads(re.sub(r"(?m)^# (?=\w+ = |\[)", "", text)))

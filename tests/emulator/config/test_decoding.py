@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from evs.drivers.run.config import PipelineConfig
-from evs.drivers.run.config_keys import describe, field_docs
+from evs.drivers.run.config_reference import describe, field_docs
 from evs.drivers.sink_config import SinkConfig
 from evs.emulator.config import RunConfig, decoding
 from evs.msgs import EvsError
