@@ -1,7 +1,7 @@
 """From a world to events: world -> light -> sensor -> events. Names are imported on first use.
 
     world/        a MuJoCo model: physics in exact ticks, snapshots for the renderers
-    render/       turns snapshots into light; render/registry.py lists the renderers
+    render/       turns snapshots into light; render/renderer_table.py lists the renderers
     optics/       the lens
     sensor/       turns light into events: pixels, noise, readout, presets, frames (APS), IMU
     evsnet/       turns light into events with a trained network

@@ -23,7 +23,7 @@ from evs.emulator.base.small_files import is_file
 from evs.emulator.config import RunConfig, decoding
 from evs.emulator.config.declaration import any_path, parameter
 from evs.emulator.config.schema import LoopConfig
-from evs.emulator.render.registry import SEEDS
+from evs.emulator.render.renderer_table import SEEDS
 from evs.msgs import EvsError, nearest_first, unknown
 from evs.msgs.lockstep import LOCKSTEP_ADDRESS
 

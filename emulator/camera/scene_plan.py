@@ -16,7 +16,7 @@ import numpy as np
 from evs.emulator.base.features import FEATURES, Feature, Switches
 from evs.emulator.base.scene import Light, ObjectKind, SceneModel, Shape
 from evs.emulator.config import ModelConfig, RenderConfig, RunConfig
-from evs.emulator.render.registry import RENDERERS
+from evs.emulator.render.renderer_table import RENDERERS
 from evs.emulator.sensor import SensorParameters
 from evs.emulator.sensor.terms import TERMS
 from evs.emulator.world import BoundCamera, MjModel, Mobility, mobility_of

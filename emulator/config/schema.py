@@ -12,7 +12,7 @@ from typing import Any
 from evs.emulator.config.declaration import any_path, parameter, path_or_name
 from evs.emulator.config.keywords import named_keywords
 from evs.emulator.config.sensor import SensorConfig
-from evs.emulator.render.registry import RENDERERS
+from evs.emulator.render.renderer_table import RENDERERS
 from evs.msgs import EvsError
 
 

@@ -1,6 +1,6 @@
 """Light: renderers with a common protocol. Names are imported on first use.
 
-List a new renderer in registry.py, which the configuration reads too. Importing this package
+List a new renderer in renderer_table.py, which the configuration reads too. Importing this package
 imports no renderer.
 """
 

@@ -2,4 +2,4 @@
 
 from .flicker import flicker_warnings as flicker_warnings
 from .native import NativeRenderer as NativeRenderer
-from .selection import make_renderer as make_renderer
+from .renderer_factory import make_renderer as make_renderer

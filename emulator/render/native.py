@@ -28,7 +28,7 @@ from evs.emulator.render.device import Cpu, Device, Poses
 from evs.emulator.render.flicker import Flicker
 from evs.emulator.render.ground_truth import trace_hits, trace_truth
 from evs.emulator.render.irradiance_state import IrradianceState
-from evs.emulator.render.registry import RENDERERS
+from evs.emulator.render.renderer_table import RENDERERS
 from evs.msgs.registry import load
 
 

@@ -18,7 +18,7 @@ from evs.emulator.base.rollback import unchanged_on_error
 from evs.emulator.base.scene import F64
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.config.decoding import plain_integer
-from evs.emulator.render.registry import RENDERERS
+from evs.emulator.render.renderer_table import RENDERERS
 from evs.emulator.simulation.world import World, over_at_once, reset_worlds, restore_worlds
 from evs.emulator.simulation.world_batch import WorldBatch, stacked, why_one_by_one
 from evs.emulator.world import (

@@ -12,7 +12,7 @@ import numpy as np
 from evs.emulator.base.protocols import Renderer, TracingRenderer
 from evs.emulator.base.scene import F32
 from evs.emulator.config import RenderConfig
-from evs.emulator.render.selection import make_renderer
+from evs.emulator.render.renderer_factory import make_renderer
 from evs.emulator.world import versions
 from evs_lab.evaluation.clip import Clip
 from evs_lab.evaluation.digest import digest

@@ -11,8 +11,8 @@ from typing import Any
 from evs.drivers.run.config import PipelineConfig, find_pipeline
 from evs.emulator.camera.pixel_pipeline import check_chunk
 from evs.emulator.config import decoding
-from evs.emulator.render.registry import SEEDS
-from evs.emulator.render.selection import check_render
+from evs.emulator.render.renderer_factory import check_render
+from evs.emulator.render.renderer_table import SEEDS
 from evs.msgs import EvsError
 from evs_lab.sweep.record import OURS, Setting
 

@@ -21,8 +21,8 @@ from evs.emulator.base.protocols import DeviceRenderer, Renderer
 from evs.emulator.base.scene import CameraPose
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import make_renderer
-from evs.emulator.render.cycle import CycleRenderer
 from evs.emulator.render.gpu import direct, hybrid, path
+from evs.emulator.render.seed_cycle import CycleRenderer
 from evs.msgs import EvsError
 from reference.random_scenes import RandomStage
 

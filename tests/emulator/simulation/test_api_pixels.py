@@ -327,4 +327,4 @@ def test_neither_mujoco_nor_a_renderer_is_loaded() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["evs.emulator.render.registry"]
+    assert done.stdout.split() == ["evs.emulator.render.renderer_table"]

@@ -8,9 +8,9 @@ from evs.emulator.base.gpu.driver import DEVICES, why_no_gpu
 from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.scene import CameraModel, SceneModel
 from evs.emulator.config import RenderConfig
-from evs.emulator.render.cycle import CycleRenderer
 from evs.emulator.render.native import NativeRenderer
-from evs.emulator.render.registry import RENDERERS
+from evs.emulator.render.renderer_table import RENDERERS
+from evs.emulator.render.seed_cycle import CycleRenderer
 from evs.msgs import EvsError, unknown
 from evs.msgs.registry import load
 
