@@ -16,7 +16,7 @@ from evs.emulator.base.scene import F64
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.config.decoding import plain_integer, plain_number
 from evs.emulator.config.schema import DelayConfig
-from evs.emulator.simulation.channels import Channels, check_delays
+from evs.emulator.simulation.delayed_links import DelayedLinks, check_delays
 from evs.emulator.simulation.world import World, over_at_once, prepare_restore_worlds, reset_worlds
 from evs.emulator.state import (
     Resumable,
@@ -141,7 +141,7 @@ class ClosedLoop(Resumable):
         self._max_s = max_s
         self._end_us = math.inf if max_s is None else max(1, round(max_s * 1e6))
         self._delays = check_delays(delays or DelayConfig())
-        self._channels = self._new_channels(world.seed)
+        self._links = self._new_links(world.seed)
         self._wants_state = False
         self._done: str | None = None
         self.on_tick: Callable[[tuple[EventPacket, ...]], None] | None = None
@@ -150,7 +150,7 @@ class ClosedLoop(Resumable):
     def __repr__(self) -> str:
         return f"<evs.ClosedLoop around {self.world!r}{f'; {self._done}' if self._done else ''}>"
 
-    def _new_channels(self, seed: int) -> Channels:
+    def _new_links(self, seed: int) -> DelayedLinks:
         for chunk in (camera.config.model.chunk for camera in self.world.cameras):
             if chunk > 1:
                 raise EvsError(
@@ -158,7 +158,7 @@ class ClosedLoop(Resumable):
                     "it: leave it 1"
                 )
         names = [camera.name for camera in self.world.cameras]
-        return Channels(self._delays, names, self.nu, seed)
+        return DelayedLinks(self._delays, names, self.nu, seed)
 
     def reset(
         self,
@@ -192,9 +192,9 @@ class ClosedLoop(Resumable):
         """
         world = self.world
         reset = world.prepare_reset(seed, keyframe, sensor, scene)
-        channels = self._new_channels(world.seed if seed is None else plain_integer(seed, "seed"))
+        links = self._new_links(world.seed if seed is None else plain_integer(seed, "seed"))
         with unchanged_on_error(self), reset_worlds([world], [reset], [start]):
-            self._channels = channels
+            self._links = links
             self._wants_state = bool(state)
             self._read_encoders()
             if must_run and self._done:
@@ -221,7 +221,7 @@ class ClosedLoop(Resumable):
             raise EvsError(f"ticks is {ticks}: a step is one tick or more")
         if ctrl is not None:
             ctrl = check_control(ctrl, self.world.model.nu, "step(ctrl)")
-            self._channels.decide(ctrl, self.t_us)
+            self._links.decide(ctrl, self.t_us)
         for _ in range(ticks):
             if not self._tick():
                 break
@@ -229,9 +229,9 @@ class ClosedLoop(Resumable):
 
     def _tick(self) -> bool:
         """Go on for one tick; whether the episode does."""
-        world, channels = self.world, self._channels
+        world, links = self.world, self._links
         try:
-            packets = world.step(channels.acting(world.t_us))
+            packets = world.step(links.acting(world.t_us))
         except UnstableError as reason:
             self._done = str(reason)
             self._encoders.read(world.data)
@@ -239,11 +239,11 @@ class ClosedLoop(Resumable):
         if self.on_tick is not None:
             self.on_tick(packets)
         for place, (camera, packet) in enumerate(zip(world.cameras, packets, strict=True)):
-            channels.send(place, packet, world.t_us)
+            links.send(place, packet, world.t_us)
             for frame in camera.frames:
-                channels.send(place, frame, world.t_us)
+                links.send(place, frame, world.t_us)
             if camera.imu_packet is not None:
-                channels.send(place, camera.imu_packet, world.t_us)
+                links.send(place, camera.imu_packet, world.t_us)
         self._read_encoders()
         return not self._done
 
@@ -269,22 +269,22 @@ class ClosedLoop(Resumable):
         """Check a saved state; the commit restores it. Raises EvsError."""
         done, wants_state = word(saved, "done"), bool(number(saved, "wants_state", 0, 1))
         world = part(saved, "world")
-        channels = self._like().read(part(saved, "channels"), whole(world, "seed"))
+        links = self._like().read(part(saved, "channels"), whole(world, "seed"))
         commit_world = prepare_restore_worlds([self.world], [world])
 
         def commit() -> None:
             commit_world()
-            self._channels, self._done, self._wants_state = channels, done, wants_state
+            self._links, self._done, self._wants_state = links, done, wants_state
 
         return commit
 
     @property
     def _knows_cameras(self) -> bool:
-        return len(self.world.cameras) == len(self._channels.cameras)
+        return len(self.world.cameras) == len(self._links.cameras)
 
-    def _like(self) -> Channels:
-        """Channels of the cameras of now: the world may have got another one since."""
-        return self._channels if self._knows_cameras else self._new_channels(self.world.seed)
+    def _like(self) -> DelayedLinks:
+        """Links of the cameras of now: the world may have got another one since."""
+        return self._links if self._knows_cameras else self._new_links(self.world.seed)
 
     def arrays(self) -> Saved:
         """What `save` packs, by name."""
@@ -322,7 +322,7 @@ class ClosedLoop(Resumable):
             velocity=self._encoders.velocity,
             done=self._done or "",
             state=self.world.state if self._wants_state else None,
-            **self._channels.arrived(self.t_us),
+            **self._links.arrived(self.t_us),
         )
 
     @property
@@ -343,12 +343,12 @@ class ClosedLoop(Resumable):
     @property
     def dropped(self) -> dict[str, int]:
         """Packets, frames and IMU packets of each camera that were lost in this episode."""
-        return self._channels.dropped
+        return self._links.dropped
 
     @property
     def events_dropped(self) -> int:
         """Events in the packets that were lost in this episode."""
-        return self._channels.events_dropped
+        return self._links.events_dropped
 
     @property
     def done(self) -> str:
@@ -363,7 +363,7 @@ class ClosedLoop(Resumable):
     @property
     def ctrl(self) -> F64:
         """(nu,) the last decision, whether it has taken effect or not, a copy."""
-        waiting = self._channels.controls.waiting
+        waiting = self._links.controls.waiting
         return np.array(waiting[-1].message if waiting else self.world.data.ctrl, np.float64)
 
     @property

@@ -10,7 +10,7 @@ import evs
 from evs.emulator import ClosedLoop
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.schema import DelayConfig, LimitConfig, LoopConfig
-from evs.emulator.simulation.channels import Link
+from evs.emulator.simulation.delayed_links import Link
 from evs.msgs import EvsError
 
 # a slider that can be pushed, and a lid in front of a bright wall

@@ -16,7 +16,7 @@ from evs.emulator import ClosedLoop
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.schema import DelayConfig
 from evs.emulator.sensor.random import Term
-from evs.emulator.simulation.channels import Link, LinkNoise
+from evs.emulator.simulation.delayed_links import Link, LinkNoise
 
 pytestmark = pytest.mark.statistical
 SENT = 20_000

@@ -40,7 +40,7 @@ for tick in range(1, ticks + 1):
     events += sum(map(len, seen.packets))
     if tick % at == 0:
         peaks.append(peak_kib())
-waiting = len(loop._channels.links["packets", 0].waiting)
+waiting = len(loop._links.links["packets", 0].waiting)
 print(json.dumps({"peaks": peaks, "packets": packets, "events": events, "waiting": waiting,
     "dropped": loop.dropped["front"], "dropped_events": loop.events_dropped,
     "camera": [loop.world.cameras[0].events, loop.world.tick], "t_us": seen.t_us}))

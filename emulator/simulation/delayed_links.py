@@ -1,8 +1,8 @@
-"""Channels: everything between the cameras, the controller and the actuators, with its delays.
+"""Delayed links between the cameras, the controller and the actuators.
 
-A channel is made of links. On a link messages take their time from one end to the other, in order,
-and may get lost. When a loop is saved, what is on its way is stored as it travels on the bus, so
-that whoever takes it back checks it as if it came from there.
+On a link messages take their time from one end to the other, in order, and may get lost. When a
+loop is saved, what is on its way is stored as it travels on the bus, so that whoever takes it back
+checks it as if it came from there.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MAX_DELAY_US = 10**9
 """1000 s"""
 
 
-class Channels:
+class DelayedLinks:
     """The links of some cameras, one for each of their streams, and that of the controls."""
 
     def __init__(self, delays: DelayConfig, cameras: Sequence[str], nu: int, seed: int) -> None:
@@ -115,9 +115,9 @@ class Channels:
         saved["controls.values"] = values.reshape(len(times), self.nu)
         return saved
 
-    def read(self, saved: Saved, seed: int) -> Channels:
-        """The channels that were saved, which had this seed. Raises EvsError."""
-        other = Channels(self.delays, self.cameras, self.nu, seed)
+    def read(self, saved: Saved, seed: int) -> DelayedLinks:
+        """The links that were saved, which had this seed. Raises EvsError."""
+        other = DelayedLinks(self.delays, self.cameras, self.nu, seed)
         other.events_dropped = number(saved, "events_dropped", 0)
         for (stream, camera), link in other.links.items():
             kept = part(saved, f"{stream}.{camera}")
