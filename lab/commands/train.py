@@ -225,9 +225,9 @@ def _fit(args: argparse.Namespace) -> int:
     _check_fit(args)
     need_jax()
     # here, so that --help needs no jax
-    from evs_lab.training.fit import TrainedNetwork, fit
     from evs_lab.training.report import write_network
     from evs_lab.training.settings import read_settings
+    from evs_lab.training.training_loop import TrainedNetwork, fit
 
     def report(line: str) -> None:
         if not args.quiet:

@@ -16,10 +16,10 @@ from evs.drivers.pictures.chart import RGB, Chart, Scale, Series, decades_around
 from evs.drivers.run.report import write_whole
 from evs.emulator.evsnet.export import export
 from evs.msgs.pictures import U8
-from evs_lab.training.fit import TrainedNetwork
 from evs_lab.training.settings import Variant
 from evs_lab.training.shards import read_meta
 from evs_lab.training.training_examples import TrainingExamples
+from evs_lab.training.training_loop import TrainedNetwork
 
 PACKAGES = ("evs", "jax", "jaxlib", "numpy", "optax")
 CHART_PX = (680, 400)

@@ -12,7 +12,6 @@ import pytest
 from evs.msgs import EvsError
 from evs_lab.training import training_examples as module
 from evs_lab.training.calibration import MOST_PRICE, Calibration
-from evs_lab.training.fit import LINLOG_DN
 from evs_lab.training.network import Architecture
 from evs_lab.training.recipes import RECIPES, Recipe, recipe_named
 from evs_lab.training.settings import Variant
@@ -25,6 +24,7 @@ from evs_lab.training.training_examples import (
     sample_held_out,
     true_membranes,
 )
+from evs_lab.training.training_loop import LINLOG_DN
 from evs_lab.training.validation import plain_events
 from reference.shards import synthetic_data
 

@@ -17,12 +17,12 @@ from jax import Array, lax
 
 from evs.emulator.base.scene import F32, U8
 from evs_lab.training import network, training_examples
-from evs_lab.training.fit import LINLOG_DN, fit
 from evs_lab.training.losses import Terms
 from evs_lab.training.recipes import OURS, RECIPES, Recipe
 from evs_lab.training.shards import Shard, read_shard
 from evs_lab.training.targets import NOISY, event_counts
 from evs_lab.training.training_examples import TrainingExamples, followable, prepare
+from evs_lab.training.training_loop import LINLOG_DN, fit
 from evs_lab.training.validation import Scores, compared, plain_events, predict
 
 SPP = 4

@@ -18,9 +18,8 @@ from evs.emulator.evsnet.network_files import read_network
 from evs.emulator.sensor import resolve_sensor
 from evs.msgs import EVENT_DTYPE, Events, EvsError
 from evs_lab.metrics import Window, count_ratio, mean_emd
-from evs_lab.training import fit as module
 from evs_lab.training import report
-from evs_lab.training.fit import LINLOG_DN, TrainedNetwork, fit
+from evs_lab.training import training_loop as module
 from evs_lab.training.losses import Terms
 from evs_lab.training.network import Architecture, currents, identity, spread_look_ahead
 from evs_lab.training.recipes import Recipe
@@ -29,6 +28,7 @@ from evs_lab.training.shards import Shards
 from evs_lab.training.step import Stepper, learning_rate
 from evs_lab.training.targets import IDEAL
 from evs_lab.training.training_examples import Prepared, TrainingExamples, differences
+from evs_lab.training.training_loop import LINLOG_DN, TrainedNetwork, fit
 from evs_lab.training.validation import (
     Scores,
     Validation,
