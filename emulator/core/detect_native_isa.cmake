@@ -20,7 +20,7 @@ int main() {
 }
 ")
 try_run(EVS_NATIVE_ISA_RAN EVS_NATIVE_ISA_BUILT
-  SOURCE_FROM_VAR native_isa.cpp question
+  SOURCE_FROM_VAR detect_native_isa.cpp question
   RUN_OUTPUT_STDOUT_VARIABLE answer)
 # try_run runs once and is remembered, its output is not
 if(answer)
