@@ -13,10 +13,10 @@
 #include <limits>
 #include <vector>
 
-#include "sensor/noise_budgets.h"
-#include "sensor/noisy_comparator.h"
+#include "sensor/photon_noise_block.h"
+#include "sensor/photon_noise_comparator.h"
+#include "sensor/photon_noise_still.h"
 #include "sensor/pixel_front_end.h"
-#include "sensor/still_budgets.h"
 
 namespace evs {
 

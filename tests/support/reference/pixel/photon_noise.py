@@ -1,4 +1,4 @@
-"""Photon noise: core/sensor/photon_noise.h, noise_budgets.h and noisy_comparator.h.
+"""Photon noise: core/sensor/photon_noise.h, photon_noise_block.h and photon_noise_comparator.h.
 
 What a whole frame needs is NumPy in float32, what single pixels need Python's floats.
 """

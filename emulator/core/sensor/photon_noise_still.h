@@ -6,8 +6,8 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "sensor/noise_budgets.h"
 #include "sensor/photon_noise.h"
+#include "sensor/photon_noise_block.h"
 #include "sensor/pixel_front_end.h"
 
 namespace evs {

@@ -3,7 +3,7 @@
 // Most pixels have no level within the reach of the noise, which one bound of its deviation tells:
 // noise does not change their state. For each other pixel there is one step over the whole tick
 // (photon_noise.h); those whose budget does not last, whose noise relaxes in the tick or that are
-// refractory go through NoisyComparators. Those that stand still are in still_budgets.h.
+// refractory go through NoisyComparators. Those that stand still are in photon_noise_still.h.
 #pragma once
 
 #include <bit>
