@@ -10,8 +10,8 @@ void bind_device_pixels(nanobind::module_& m);
 void bind_events(nanobind::module_& m);
 void bind_network(nanobind::module_& m);
 void bind_numbers(nanobind::module_& m);
-void bind_probe(nanobind::module_& m);
 void bind_readout(nanobind::module_& m);
+void bind_sampler_probe(nanobind::module_& m);
 void bind_sensor(nanobind::module_& m);
 void bind_watch(nanobind::module_& m);
 }  // namespace evs
@@ -28,8 +28,8 @@ NB_MODULE(_core, m) {
   evs::bind_events(m);
   evs::bind_network(m);
   evs::bind_numbers(m);
-  evs::bind_probe(m);
   evs::bind_readout(m);
+  evs::bind_sampler_probe(m);
   evs::bind_sensor(m);
   evs::bind_watch(m);
 }

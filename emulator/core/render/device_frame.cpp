@@ -4,7 +4,7 @@
 #include <memory>
 #include <vector>
 
-#include "render/integrators/blend.h"
+#include "render/integrators/antialiasing_blend.h"
 
 namespace evs {
 

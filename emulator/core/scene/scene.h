@@ -397,7 +397,7 @@ struct Kernel {
   // Sum the light of samples first ... first + count - 1 of each node. Out: (nodes, 3).
   void (*light_nodes)(const Frame&, const PathFrame&, PathBatch&, const NodeArray&, int first,
                       int count, float* sums);
-  // For tests, the path integrator's samplers, 16 draws at once: see probe.inl.
+  // For tests, the path integrator's samplers, 16 draws at once: see sampler_probe.inl.
   void (*probe_sampler)(int mode, int seed, int log2_samples, int block, int log2_blocks, int index,
                         int dimension, const int* pixel, float* x, float* y);
   void (*probe_bsdf_sample)(const ProbeSurface&, const float* numbers, ProbeLanes&);

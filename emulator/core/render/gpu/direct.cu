@@ -3,7 +3,7 @@
 #include "base/gpu/prelude.h"
 
 #include "render/gpu/image_threads.cuh"
-#include "render/integrators/blend.h"
+#include "render/integrators/antialiasing_blend.h"
 
 // channels of the frame
 #ifndef EVS_CHANNELS

@@ -40,7 +40,7 @@ struct NodeRequests {
 }  // namespace evs
 
 #include "render/gpu/image_threads.cuh"
-#include "render/integrators/blend.h"
+#include "render/integrators/antialiasing_blend.h"
 #include "render/integrators/hybrid.inl"
 #include "render/irradiance/first_readers.h"
 

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "render/incremental/packet_cache.h"
-#include "render/integrators/blend.h"
+#include "render/integrators/antialiasing_blend.h"
 #include "scene/optics.h"
 #include "scene/scene.h"
 

@@ -4,7 +4,7 @@
 #include "render/geometry/intersect.inl"
 #include "render/shading/footprint.inl"
 #include "render/shading/texture.inl"
-#include "render/shading/tiles.inl"
+#include "render/shading/texture_tiles.inl"
 #include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {

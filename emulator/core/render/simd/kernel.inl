@@ -18,7 +18,7 @@
 #include "render/integrators/direct.inl"
 #include "render/integrators/ground_truth.inl"
 #include "render/integrators/hybrid.inl"
-#include "render/simd/probe.inl"
+#include "render/simd/sampler_probe.inl"
 #include "scene/path_scene.h"
 #include "scene/scene.h"
 #ifndef EVS_PATHS

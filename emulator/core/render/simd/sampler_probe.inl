@@ -3,7 +3,7 @@
 
 #include "render/integrators/sampler.inl"
 #include "render/shading/light_sampling.inl"
-#include "render/simd/probe_lanes.h"
+#include "render/simd/sampler_probe_lanes.h"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

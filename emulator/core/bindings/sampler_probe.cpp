@@ -8,7 +8,7 @@
 #include <string>
 
 #include "bindings/bound_caster.h"
-#include "render/simd/probe_lanes.h"
+#include "render/simd/sampler_probe_lanes.h"
 
 namespace evs {
 namespace {
@@ -153,7 +153,7 @@ void light_pdf(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_
 
 }  // namespace
 
-void bind_probe(nb::module_& m) {
+void bind_sampler_probe(nb::module_& m) {
   m.def("probe_sampler", &sampler_points, nb::arg("sampler"), nb::arg("index"),
         nb::arg("dimension"), nb::arg("pixels"), nb::arg("out"), nb::arg("seed") = 0,
         nb::arg("log2_samples") = 6, nb::arg("block") = 0, nb::arg("log2_blocks") = 0,
