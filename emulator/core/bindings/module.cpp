@@ -9,7 +9,7 @@ void bind_device_frame(nanobind::module_& m);
 void bind_device_pixels(nanobind::module_& m);
 void bind_events(nanobind::module_& m);
 void bind_network(nanobind::module_& m);
-void bind_numbers(nanobind::module_& m);
+void bind_frame_light(nanobind::module_& m);
 void bind_readout(nanobind::module_& m);
 void bind_sampler_probe(nanobind::module_& m);
 void bind_sensor(nanobind::module_& m);
@@ -27,7 +27,7 @@ NB_MODULE(_core, m) {
   evs::bind_device_pixels(m);
   evs::bind_events(m);
   evs::bind_network(m);
-  evs::bind_numbers(m);
+  evs::bind_frame_light(m);
   evs::bind_readout(m);
   evs::bind_sampler_probe(m);
   evs::bind_sensor(m);

@@ -58,7 +58,7 @@ void light_of_numbers(const Numbers& numbers, const Table& tables, const Light& 
 
 }  // namespace
 
-void bind_numbers(nb::module_& m) {
+void bind_frame_light(nb::module_& m) {
   m.def("light_of_numbers", &light_of_numbers, "numbers"_a, "tables"_a, "light"_a.noconvert(),
         "Look up the light of a frame.\n\n"
         "Args:\n"
