@@ -13,9 +13,11 @@
 #endif
 
 #include "base/scan.h"
+#include "evsnet/bilif.inl"
 #include "evsnet/device_network.h"
-#include "evsnet/lanes.inl"
+#include "evsnet/log_delta.inl"
 #include "evsnet/spike_time.h"
+#include "evsnet/wide_register.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {
@@ -56,7 +58,7 @@ EVS_INLINE PixelFifo fifo_of(const DeviceNetwork& net, int64_t tick, size_t pixe
 }
 
 // N outputs from `o` on. In: `now`, the inputs of this tick; those before it are features from
-// `first` on. Order of the sum as in inference.inl.
+// `first` on. Order of the sum as in convolutions.inl.
 template <int N, int INPUTS>
 EVS_INLINE void convolve_outputs(const float* weights, const float* biases, int stride,
                                  const PixelFifo& fifo, int first, const float* now, int inputs,
@@ -101,7 +103,7 @@ EVS_INLINE void convolve(const float* weights, const float* biases, int channels
   }
 }
 
-// The current of a pixel, as `infer` of inference.inl.
+// The current of a pixel, as `infer` of convolutions.inl.
 template <int CHANNELS>
 EVS_INLINE float infer_pixel(const DeviceNetwork& device, int64_t tick, size_t pixel, float x) {
   const Network& net = device.network;

@@ -2,8 +2,9 @@
 // EVS_KERNEL, the name of their table.
 #pragma once
 
-#include "evsnet/inference.inl"
-#include "evsnet/lanes.inl"
+#include "evsnet/bilif.inl"
+#include "evsnet/convolutions.inl"
+#include "evsnet/log_delta.inl"
 #include "evsnet/network_kernel.h"
 
 namespace evs::EVS_NAMESPACE {

@@ -5,8 +5,8 @@
 // ahead is the same sum, given later.
 #pragma once
 
-#include "evsnet/lanes.inl"
 #include "evsnet/network_kernel.h"
+#include "evsnet/wide_register.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {
