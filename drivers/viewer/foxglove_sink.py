@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from evs.drivers.bus.address import plain_tcp
 from evs.drivers.viewer.picture_sink import PictureSink
-from evs.drivers.viewer.windows import PERIOD_US
+from evs.drivers.viewer.time_windows import PERIOD_US
 from evs.msgs import EvsError, StreamInfo
 from evs.msgs.codecs import PayloadWriter
 
 if TYPE_CHECKING:
-    from evs.drivers.viewer.panels import FoxgloveDrawing
+    from evs.drivers.viewer.foxglove_drawing import FoxgloveDrawing
 
 SUFFIX = ".mcap"
 
@@ -52,7 +52,7 @@ class FoxgloveSink(PictureSink):
         Raises:
             EvsError: A value that cannot be, or the extra is not installed.
         """
-        from evs.drivers.viewer.panels import need_foxglove
+        from evs.drivers.viewer.foxglove_drawing import need_foxglove
 
         super().__init__(period_us)
         for name, value, least in (("queue", queue, 1), ("wait_for", wait_for, 0)):
@@ -96,7 +96,7 @@ class FoxgloveSink(PictureSink):
         return found
 
     def _begin(self, streams: Sequence[StreamInfo]) -> FoxgloveDrawing:
-        from evs.drivers.viewer.panels import FoxgloveDrawing
+        from evs.drivers.viewer.foxglove_drawing import FoxgloveDrawing
 
         self._panels = panels = FoxgloveDrawing(
             self._queue, self._encoding, self._period_us, lossless=self._path is not None

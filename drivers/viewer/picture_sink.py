@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.drivers.sink import Sink, SinkStoppedError, Stream
-from evs.drivers.viewer.windows import WindowBuilder
+from evs.drivers.viewer.time_windows import WindowBuilder
 from evs.msgs import EventPacket, EvsError, Frame, Pose, StreamInfo, unknown
 from evs.msgs.pictures import SteadyExposure
 
 if TYPE_CHECKING:
-    from evs.drivers.viewer.windows import Window
+    from evs.drivers.viewer.time_windows import Window
     from evs.emulator.base.scene import F32
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.viewer.windows import NOTHING, OFF, ON
+from evs.drivers.viewer.time_windows import NOTHING, OFF, ON
 from evs.msgs.pictures import OFF_RGB, ON_RGB
 
 # Unicode's braille patterns: the bit of each dot of a cell of 4 rows and 2 columns
@@ -30,7 +30,7 @@ def sketch(
     A dot is set where any pixel of its part of the picture fired.
 
     Args:
-        picture: (h, w) of NOTHING, OFF, ON (windows.py).
+        picture: (h, w) of NOTHING, OFF, ON (time_windows.py).
         columns: Most characters of a line.
         rows: Most lines.
         colours: Whether a character is blue or red by the majority of its dots, in ANSI's 24-bit

@@ -15,7 +15,7 @@ from evs.msgs import EventPacket, EvsError
 if TYPE_CHECKING:
     from evs.drivers.bus import Subscription
     from evs.drivers.viewer import Window, WindowBuilder
-    from evs.drivers.viewer.viewer import ViewerProgram
+    from evs.drivers.viewer.rerun_drawing import ViewerProgram
 
 REDRAW_S = 0.05
 """shortest time between two drawings of a terminal; windows between them are skipped"""
@@ -151,7 +151,7 @@ class _Viewer:
     """Rerun's viewer in a window of its own or in a browser, or a .rrd file."""
 
     def __init__(self, file: Path | None, points: int, *, web: bool = False) -> None:
-        from evs.drivers.viewer.viewer import RerunDrawing
+        from evs.drivers.viewer.rerun_drawing import RerunDrawing
 
         if file is not None and file.suffix != ".rrd":
             raise EvsError(f"'{file}' is no name for a live view: end it in .rrd")
@@ -163,7 +163,7 @@ class _Viewer:
         self._program: ViewerProgram | None = None
 
     def __enter__(self) -> _Viewer:
-        from evs.drivers.viewer.viewer import ViewerProgram
+        from evs.drivers.viewer.rerun_drawing import ViewerProgram
 
         if self._file is not None:
             self._drawing.to_file(self._file)

@@ -51,7 +51,7 @@ ROWS = re.compile(r"with (\d+) rows .* - /(\S+) - data columns: \[(\w+)")
 
 def rerun(folder: Path, *words: object) -> str:
     """Rerun's own program, its telemetry off; what it prints."""
-    from evs.drivers.viewer.viewer import PROGRAM, quiet_environment
+    from evs.drivers.viewer.rerun_drawing import PROGRAM, quiet_environment
 
     done = subprocess.run(
         [*PROGRAM, *map(str, words)],
@@ -288,7 +288,7 @@ def test_the_viewer_in_a_browser(tmp_path: Path) -> None:
 
 def save_from(source: str, saved: Path, folder: Path) -> None:
     """Rerun's own client takes what a server has, until it is interrupted."""
-    from evs.drivers.viewer.viewer import PROGRAM, quiet_environment
+    from evs.drivers.viewer.rerun_drawing import PROGRAM, quiet_environment
 
     port = free_address().rpartition(":")[2]
     words = [*PROGRAM, source, "--save", str(saved), "--bind", "127.0.0.1", "--port", port]
@@ -324,7 +324,7 @@ def listening(ports: set[int | None]) -> set[str]:
 @pytest.mark.slow
 def test_a_running_viewer_gets_everything(tmp_path: Path) -> None:
     from evs.drivers.viewer import WindowBuilder
-    from evs.drivers.viewer.viewer import PROGRAM, RerunDrawing, quiet_environment
+    from evs.drivers.viewer.rerun_drawing import PROGRAM, RerunDrawing, quiet_environment
 
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = probe.getsockname()[1]

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from evs.drivers.viewer.picture_sink import PictureSink
-from evs.drivers.viewer.windows import PERIOD_US
+from evs.drivers.viewer.time_windows import PERIOD_US
 from evs.msgs import EvsError, StreamInfo
 
 if TYPE_CHECKING:
-    from evs.drivers.viewer.viewer import RerunDrawing
+    from evs.drivers.viewer.rerun_drawing import RerunDrawing
 
 SUFFIX = ".rrd"
 
@@ -30,7 +30,7 @@ class ViewSink(PictureSink):
         Raises:
             EvsError: The extra is not installed, another ending.
         """
-        from evs.drivers.viewer.viewer import RerunDrawing
+        from evs.drivers.viewer.rerun_drawing import RerunDrawing
 
         self._path = Path(file)
         if self._path.suffix != SUFFIX:

@@ -26,7 +26,7 @@ from evs.drivers.ros2.event_messages import (
 )
 from evs.drivers.sink import Stream
 from evs.drivers.viewer.outbox import MAX_QUEUE_BYTES, Letter, Outbox
-from evs.drivers.viewer.windows import Window
+from evs.drivers.viewer.time_windows import Window
 from evs.msgs import EventPacket, EvsError, Frame, Pose, StreamInfo
 from evs.msgs.frame import FRAME_ENCODINGS
 from evs.msgs.pictures import OFF_RGB, ON_RGB, PAPER
@@ -52,7 +52,7 @@ _SLOW_CLIENTS = "foxglove.websocket.connected_client.send_lossy"
 """The SDK's logger of clients whose queue is full."""
 
 _COLOURS = np.array([(PAPER, PAPER, PAPER), OFF_RGB, ON_RGB], np.uint8)
-"""of NOTHING, OFF, ON (windows.py)"""
+"""of NOTHING, OFF, ON (time_windows.py)"""
 
 _HEADER = """
 ================================================================================

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from evs.drivers.files.paths import target_error
 from evs.drivers.sink import Stream
-from evs.drivers.viewer.windows import NOTHING, OFF, ON, Window
+from evs.drivers.viewer.time_windows import NOTHING, OFF, ON, Window
 from evs.msgs import EventPacket, Events, EvsError, Frame, Pose, StreamInfo
 from evs.msgs.pictures import OFF_RGB, ON_RGB, PAPER
 
