@@ -15,7 +15,7 @@ from typing import Any
 import zmq
 
 from evs.drivers.bus.address import connectable, is_ipc, is_ipv6
-from evs.drivers.bus.keys import new_keys, present, read_public, read_secret
+from evs.drivers.bus.curve_keys import new_keys, present, read_public, read_secret
 from evs.drivers.bus.sockets import Context, Socket, readable, receive_parts
 from evs.msgs import EvsError, MessageError, unknown
 from evs.msgs.header_fields import boolean, integer, shown

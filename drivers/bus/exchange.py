@@ -13,7 +13,7 @@ import zmq
 from zmq.utils.monitor import recv_monitor_message
 
 from evs.drivers.bus.address import check_unused, is_ipv6, leave
-from evs.drivers.bus.keys import Keys, ZapAuthenticator, guard, new_keys, present
+from evs.drivers.bus.curve_keys import Keys, ZapAuthenticator, guard, new_keys, present
 from evs.drivers.bus.ports import ServerKeys, bind_error
 from evs.drivers.bus.sockets import (
     Context,

@@ -11,7 +11,7 @@ from typing import Self
 import zmq
 
 from evs.drivers.bus.address import connectable, is_ipv6
-from evs.drivers.bus.keys import new_keys, present, read_public, read_secret
+from evs.drivers.bus.curve_keys import new_keys, present, read_public, read_secret
 from evs.drivers.bus.sockets import Context, Handshakes, Socket, notice_death, readable
 from evs.drivers.clock import monotonic_s
 from evs.msgs import EvsError

@@ -17,7 +17,7 @@ from evs.drivers.bus.control import (
     Answer,
     Control,
 )
-from evs.drivers.bus.keys import Keys, ZapAuthenticator, guard, read_allowed, read_secret
+from evs.drivers.bus.curve_keys import Keys, ZapAuthenticator, guard, read_allowed, read_secret
 from evs.drivers.bus.latest import Watchers, conflated
 from evs.drivers.bus.sockets import Context, Socket, serve_anybody
 from evs.msgs import DEFAULT_ADDRESS, TOPICS, EvsError, MessageError, encode_state

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.drivers.bus.address import connectable
+from evs.drivers.bus.curve_keys import read_public, read_secret
 from evs.drivers.bus.exchange import ClientEnd
-from evs.drivers.bus.keys import read_public, read_secret
 from evs.drivers.clock import monotonic_s
 from evs.msgs import EvsError, MessageError, Observation, StreamInfo
 from evs.msgs.header_fields import MAX_INT64, check_name, integer

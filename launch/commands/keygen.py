@@ -20,7 +20,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make the keys, and print how to use them."""
-    from evs.drivers.bus.keys import write_keys
+    from evs.drivers.bus.curve_keys import write_keys
 
     public, secret = write_keys(args.name)
     everywhere = "tcp://0.0.0.0:5560"

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from evs.drivers.bus.keys import write_keys
+from evs.drivers.bus.curve_keys import write_keys
 from evs.drivers.pictures import write_png
 from evs.drivers.run.config import load
 from evs.drivers.search_path import search_path

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from evs.drivers import files
-from evs.drivers.bus.keys import write_keys
+from evs.drivers.bus.curve_keys import write_keys
 from evs.drivers.clock import monotonic_s, sleep_s
 from links.camera import Camera
 from links.link import Link

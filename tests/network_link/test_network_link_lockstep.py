@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 import evs
-from evs.drivers.bus.keys import write_keys
+from evs.drivers.bus.curve_keys import write_keys
 from evs.drivers.clock import monotonic_s, sleep_s
 from evs.emulator.config import SensorConfig
 from links.link import Link

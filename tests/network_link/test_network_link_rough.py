@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from evs.drivers.bus.keys import write_keys
+from evs.drivers.bus.curve_keys import write_keys
 from links.camera import Camera
 from links.link import Link, NoLinkError
 

@@ -14,7 +14,7 @@ import pytest
 import zmq
 
 from evs.drivers.bus import Latest, Publisher, discover, request, subscribe
-from evs.drivers.bus.keys import write_keys
+from evs.drivers.bus.curve_keys import write_keys
 from evs.drivers.clock import monotonic_s, sleep_s
 from evs.launch.main import main
 from evs.msgs import (

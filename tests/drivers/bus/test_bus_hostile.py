@@ -16,7 +16,7 @@ import zmq
 
 from evs.drivers.bus import Latest, Publisher, discover, subscribe
 from evs.drivers.bus.address import free_address
-from evs.drivers.bus.keys import write_keys
+from evs.drivers.bus.curve_keys import write_keys
 from evs.drivers.clock import monotonic_s, sleep_s
 from evs.msgs import EventPacket, StreamInfo, encode, encode_status, make_events
 from evs.msgs.status import Status

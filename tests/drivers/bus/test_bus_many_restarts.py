@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from evs.drivers.bus import Publisher
-from evs.drivers.bus.keys import write_keys
+from evs.drivers.bus.curve_keys import write_keys
 from evs.drivers.clock import monotonic_s, sleep_s
 from evs.msgs import EventPacket, Frame, StreamInfo, make_events
 

@@ -13,7 +13,7 @@ import zmq
 from lockstep_stand_in import StandIn, serving
 
 from evs.drivers.bus.address import free_address
-from evs.drivers.bus.keys import write_keys
+from evs.drivers.bus.curve_keys import write_keys
 from evs.drivers.clock import monotonic_s, sleep_s
 from evs.drivers.lockstep import LockstepServer, connect
 from evs.msgs import EvsError

@@ -10,7 +10,7 @@ import pytest
 
 from evs.drivers.bus import Publisher, Subscription, subscribe
 from evs.drivers.bus.address import bindable
-from evs.drivers.bus.keys import new_keys, read_allowed, read_public, read_secret, write_keys
+from evs.drivers.bus.curve_keys import new_keys, read_allowed, read_public, read_secret, write_keys
 from evs.drivers.run import config as pipeline
 from evs.launch.main import main
 from evs.msgs import EventPacket, EvsError, StreamInfo
