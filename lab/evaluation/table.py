@@ -40,7 +40,7 @@ COLUMNS = (
     MetricColumn("RMSE Hz", "rmse_hz", ".3g"),
     MetricColumn("KL", "kl_nats", ".3f"),
     MetricColumn("corr.", "correlation", ".3f"),
-    MetricColumn("ms a tick", "ms_per_tick", ".2f"),
+    MetricColumn("ms per tick", "ms_per_tick", ".2f"),
 )
 
 

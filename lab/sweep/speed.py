@@ -31,7 +31,7 @@ from evs_lab.sweep.record import FRAMES, ConfidenceInterval, Speed
 from evs_lab.sweep.sweep_world import SegmentedWorld, SweepWorld
 
 YARDSTICK = (
-    "NumPy: logarithm, sort, sum of 346 x 260 floats 8 times, one thread, beside every repeat"
+    "logarithm, sort, sum of 346 x 260 floats in NumPy, 8 times on a thread, between repeats"
 )
 
 _YARDSTICK_SHAPE = 260, 346

@@ -318,8 +318,8 @@ def header(settings: SweepSettings, command: str) -> SweepHeader:
         "versions": versions(),
         "yardstick": YARDSTICK,
         "reference": (
-            f"events of {settings.errors.reference_spp} samples a pixel every ms on "
-            f"{settings.errors.pixels} pixels"
+            f"events of light with {settings.errors.reference_spp} samples per pixel, in ticks of "
+            f"1 ms, for {settings.errors.pixels} pixels"
         ),
     }
     return SweepHeader(settings.comparable, about)

@@ -74,7 +74,7 @@ COLUMNS = (
     RecordColumn("real-time factor", _speed(lambda s: with_interval(s.real_time_factor))),
     RecordColumn("CPU s per s", _speed(lambda s: with_interval(s.cpu_s_per_s))),
     RecordColumn("yardsticks a tick", _speed(lambda s: with_interval(s.yardstick_ratio))),
-    RecordColumn("ms a tick: " + " / ".join(STAGES), _speed(_stages)),
+    RecordColumn("ms per tick: " + " / ".join(STAGES), _speed(_stages)),
     RecordColumn("rays a tick", _speed(lambda s: number(s.rays_per_tick))),
     RecordColumn("unmatched", _error(lambda e: unmatched(e.recall, e.precision))),
     RecordColumn("EMD", _error(lambda e: e.emd)),
