@@ -218,8 +218,8 @@ def _large(short: bool) -> Measurement:
 
 
 _MEMBRANE = (
-    "|V| never over 64, where it is cut; one event a pixel and tick; every cut value is counted; "
-    "64 ticks and the network's window after the last change all is silent"
+    "|V| is limited to 64; one event per pixel and tick; every limited value is counted; no events "
+    "later than 64 ticks and the network's window after the last change"
 )
 
 CASES = (
@@ -260,7 +260,7 @@ CASES = (
         "weights-1e6",
         "network",
         "weights of a million under a strobe",
-        f"{_MEMBRANE}; a network whose sums may pass 1e30 is refused in a line",
+        f"{_MEMBRANE}; a network whose sums may pass 1e30 is rejected in one line",
         _large,
     ),
 )

@@ -73,7 +73,7 @@ def _blind(short: bool) -> Measurement:
     again = for_long.counts(for_long.capture.within(length * 1000, 10**9))[0].astype(bool)
     worst = float((on + off).max()) if on.any() or off.any() else math.nan
     return Measurement(
-        worst, 1, "event(s) a pixel", messages_of(for_ever), named and bool(again.any())
+        worst, 1, "events per pixel", messages_of(for_ever), named and bool(again.any())
     )
 
 
@@ -104,7 +104,7 @@ def _slow(short: bool) -> Measurement:
          "scene": {"tick_us": 1_000_000 * (4 if short else 1)}},
     )  # fmt: skip
     right = named and settles.residual_thresholds() <= 1.0 + settles.rounding()
-    return Measurement(float(off_by), limit, "events a pixel", messages_of(shown), right)
+    return Measurement(float(off_by), limit, "events per pixel", messages_of(shown), right)
 
 
 def _fast(short: bool) -> Measurement:
@@ -257,7 +257,8 @@ CASES = (
         "sigma-over-theta",
         "sensor",
         "thresholds of 0.5 with a spread of 0.6",
-        f"none below 0.01; {_PIXEL}, its own; a warning reports how many are at the floor",
+        f"none below 0.01; {_PIXEL}, with its own threshold; a warning reports how many are at the "
+        "floor",
         _spread,
     ),
     StressCase(
@@ -272,7 +273,7 @@ CASES = (
         "cutoff-0.01-hz",
         "sensor",
         "a photoreceptor with a bandwidth of 0.01 Hz goes dark",
-        "events of a pixel: log(255) (1 - e^(-2 pi f t)) / theta, to within 1 and half of the "
+        "events per pixel: log(255) (1 - e^(-2 pi f t)) / theta, to within 1 and half of the "
         "events of the tick in which it goes dark; a warning; after 20 time constants, all events "
         "have occurred",
         _slow,
