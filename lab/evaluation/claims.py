@@ -196,8 +196,8 @@ def _fewer_rays(cells: Sequence[ResultCell]) -> Claim:
     """A pipeline is a model on fixed or fresh samples. Faithful: no worse in any of the three."""
     claim = (
         f"moving camera, lamps with a size: our best {OUR_SPP}-spp pipeline is as faithful as "
-        f"our training of the paper's network at fresh {PAPER_SPP} spp on EMD, recall and spurious "
-        "rate"
+        f"our retrained version of the paper's network at fresh {PAPER_SPP} spp on EMD, recall and "
+        "spurious rate"
     )
     subset = [c for c in cells if c.camera != "still" and c.soft and c.light == "path"]
     paper = [c for c in _fresh(subset, PAPER_SPP) if c.model == PAPER]

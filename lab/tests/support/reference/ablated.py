@@ -26,7 +26,7 @@ from evs_lab.training.training_loop import LINLOG_DN, fit
 from evs_lab.training.validation import Scores, compared, plain_events, predict
 
 SPP = 4
-PAPER = "our training of the paper's network"
+PAPER = "our retrained version of the paper's network"
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,8 @@ def model_of(name: str, files: dict[str, Path], soft: bool = True) -> mujoco.MjM
     Args:
         name: "room", or the name of a robot in `files`.
         files: Name of each robot -> its MJCF file.
-        soft: Whether the robot's lamps become bulbs with a radius of a tenth of their distance.
+        soft: Whether the robot's lamps become bulbs with a radius of a tenth of
+            their distance from the centre of the model.
     """
     if name == "room":
         return mujoco.MjModel.from_xml_string(ROOM)
