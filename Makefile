@@ -13,7 +13,7 @@ demo:
 # make test      the quick tests, to run before a commit
 test:
 	@sh .ci/setup.sh
-	@sh .ci/tests.sh "not slow and not statistical and not extremes and not integration and not bench"
+	@sh .ci/tests.sh "not slow and not statistical and not extremes and not integration and not bench and not campaign"
 
 # make check     format, lint, types, sanitisers, one lane, versions, a wheel, all tests of evs and the quick ones of evs-lab: CI
 check:
