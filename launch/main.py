@@ -9,7 +9,7 @@ import io
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn
@@ -62,6 +62,7 @@ GROUPS = {
 
 A command is the module of its name in launch/commands; to add one, write it and list it here. The
 module has configure(parser), which adds the arguments, and run(args), which returns the exit code.
+epilog(), if any, makes what help says below the options, where that takes long.
 SUBCOMMANDS = True: the first word is a command of its own. What several commands share is in
 launch/support."""
 
@@ -106,6 +107,14 @@ class Parser(argparse.ArgumentParser):
         """See `ArgumentParser`; every `type=int` is bounded."""
         super().__init__(*args, **options)
         self.register("type", int, _whole_number)
+        self.late_epilog: Callable[[], str] | None = None
+        """Makes the epilog when help is printed, for one that takes long."""
+
+    def format_help(self) -> str:
+        """The help, with the epilog that is made only now."""
+        if self.late_epilog is not None:
+            self.epilog = self.late_epilog()
+        return super().format_help()
 
     def error(self, message: str) -> NoReturn:
         """Raise an EvsError, with the nearest known option if one was misspelt."""
@@ -262,6 +271,7 @@ def parser_of(name: str, module: ModuleType) -> Parser:
         allow_abbrev=False,
     )
     module.configure(parser)
+    parser.late_epilog = getattr(module, "epilog", None)
     return parser
 
 

@@ -80,6 +80,8 @@ def commands(names: Iterable[str] = main.COMMANDS) -> str:
         rows = list(rows_of(parser))
         if rows:
             found += ["| argument | meaning |", "|---|---|", *rows, ""]
+        # some parsers make their epilog with their help
+        parser.format_help()
         epilog = (parser.epilog or "").strip()
         epilog, begin, _ = epilog.partition(KEYS_BEGIN)
         if epilog.strip():

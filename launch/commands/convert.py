@@ -114,7 +114,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--quiet", action="store_true", help="print nothing but warnings and errors"
     )
     add_pipeline_options(parser, OPTIONS, ("key=value", "keys of films, as sensor.pos_thres=0.3"))
-    parser.epilog = EPILOG.replace("{film_keys}", _film_keys()) + "\n".join(_formats())
+
+
+def epilog() -> str:
+    """What help says below the options."""
+    return EPILOG.replace("{film_keys}", _film_keys()) + "\n".join(_formats())
 
 
 def run(args: argparse.Namespace) -> int:

@@ -68,7 +68,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quiet", action="store_true", help="print nothing but warnings and errors"
     )
-    parser.epilog = options.keys_text()
+
+
+def epilog() -> str:
+    """What help says below the options."""
+    return options.keys_text()
 
 
 def run(args: argparse.Namespace) -> int:

@@ -69,7 +69,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--preview", metavar="FILE.png", help="draw the channels of the last frame in one picture")
     add("--force", action="store_true", help="replace existing files")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
-    parser.epilog = EXAMPLES + options.keys_text(NOT_HERE)
+
+
+def epilog() -> str:
+    """What help says below the options."""
+    return EXAMPLES + options.keys_text(NOT_HERE)
 
 
 def run(args: argparse.Namespace) -> int:
