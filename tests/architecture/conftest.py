@@ -49,9 +49,9 @@ def files(checkout: Path) -> list[str]:
     )
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def sources(checkout: Path, files: list[str]) -> dict[str, ast.Module]:
-    """The syntax tree of every module of the package, by its path."""
+    """The syntax tree of every module of the package, by its path; no longer kept than needed."""
     return {
         name: ast.parse((checkout / name).read_text(), name)
         for name in files
