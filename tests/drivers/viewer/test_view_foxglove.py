@@ -397,8 +397,9 @@ def test_it_waits_for_clients() -> None:
     opening = threading.Thread(target=sink.open, args=([STREAM],))
     opening.start()
     while not sink.port:
+        # the port may be taken by now
+        assert opening.is_alive()
         sleep_s(0.01)
-    assert opening.is_alive()
     client = Client(int(address.rpartition(":")[2]), "/eye/events")
     opening.join(20)
     reading = threading.Thread(target=client.read_all)
