@@ -8,85 +8,11 @@ import numpy as np
 import pytest
 
 from evs.drivers import files
-from evs.drivers.files import RECORDED, convert
+from evs.drivers.files import convert
 from evs.drivers.files.integrity import TornTailWarning
 from evs.launch.main import main
-from evs.msgs import (
-    EventPacket,
-    Events,
-    EvsError,
-    Frame,
-    ImuPacket,
-    StreamInfo,
-    empty_imu,
-    make_events,
-)
-
-STREAM = StreamInfo(346, 260, camera="eye", sensor="davis346", seed=9, config={"a": [1]})
-OWN = ("aedat4", "npz", "aedat2", "aedat3", "csv", "txt", "e2vid")
-
-
-def events() -> Events:
-    random = np.random.default_rng(4)
-    t = np.sort(random.integers(1, 40_001, 3000))
-    x, y = random.integers(0, 346, 3000), random.integers(0, 260, 3000)
-    return make_events(t, x, y, random.integers(0, 2, 3000))
-
-
-def record(path: Path, kind: str, beside: bool = False) -> Path:
-    stream = StreamInfo(
-        346, 260, "eye", "davis346", seed=9, config={"a": [1]}, frames=beside, imu=beside
-    )
-    sink = files.recorder_for(path, kind=kind)
-    sink.open([stream])
-    if beside:
-        sink.write_frame(Frame(0, 0, 1, 2, 3, np.ones((260, 346), np.uint8), "eye"))  # type: ignore[attr-defined]
-        samples = empty_imu(4)
-        samples["t"] = 5
-        sink.write_imu(ImuPacket(0, samples, "eye"))  # type: ignore[attr-defined]
-    every = events()
-    ticks = -(-every["t"] // 1000)
-    for seq, part in enumerate(np.split(every, np.flatnonzero(np.diff(ticks)) + 1)):
-        sink.write(EventPacket(seq, 0, 0, 346, 260, part, "eye"))
-    sink.close()
-    return path
-
-
-@pytest.mark.parametrize("source", OWN)
-@pytest.mark.parametrize("target", OWN)
-def test_every_format_becomes_every_other(tmp_path: Path, source: str, target: str) -> None:
-    ending = {one.name: one.suffixes[0] for one in RECORDED}
-    given = record(tmp_path / f"in{ending[source]}", source)
-    shares: list[float] = []
-    made = tmp_path / f"out{ending[target]}"
-    done = convert(given, made, progress=shares.append)
-    assert (done.events, done.files, done.left_out) == (3000, [made], {})
-    assert files.read(made).tobytes() == events().tobytes()
-    assert files.stream_of(made) == STREAM
-    assert files.summary(made).packets == files.summary(given).packets
-    assert shares == sorted(shares)
-    assert 0 <= shares[0] <= shares[-1] <= 1
-    # and the way back gives the first file's bytes
-    again = tmp_path / f"again{ending[source]}"
-    convert(made, again)
-    assert again.read_bytes() == given.read_bytes()
-
-
-@pytest.mark.parametrize(
-    "kind", ["evt3", "evt2", "evt21", "dat", "hdf5", "metavision", "rosbag2", "rosbag1"]
-)
-def test_what_needs_a_library_becomes_ours_and_back(tmp_path: Path, kind: str) -> None:
-    given = record(tmp_path / "in.aedat4", "aedat4")
-    made = tmp_path / f"out{files.formats.by_name(kind).suffixes[0]}"
-    assert convert(given, made, kind).events == 3000
-    again = tmp_path / "again.aedat4"
-    shares: list[float] = []
-    assert convert(made, again, progress=shares.append).events == 3000
-    assert files.read(again).tobytes() == events().tobytes()
-    assert shares == sorted(shares)
-    # DAT has no place for more than the size
-    wanted = STREAM
-    assert files.stream_of(again) == wanted
+from evs.msgs import EventPacket, EvsError, StreamInfo, make_events
+from reference.recordings import events, record
 
 
 def test_the_command_says_what_it_did(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -30,6 +30,7 @@ from evs.msgs import (
     make_triggers,
 )
 from reference.dv_packets import TICKS, came, packet, serving
+from reference.mjcf import BAR
 
 CLIENT = Path(__file__).parents[2] / "support" / "oracles" / "dv_client.py"
 
@@ -162,24 +163,16 @@ def test_a_stopped_process_slows_nobody_and_goes_on_when_it_continues() -> None:
     assert late["events"] == 20_000 * TICKS - said["events_dropped"]
 
 
-BALL = """
-<mujoco><worldbody><light pos="0 -1 3"/><camera name="eye" pos="0 -2 .6" xyaxes="1 0 0 0 .2 1"/>
-<geom type="plane" size="2 2 .1"/><body pos="0 0 .5"><joint name="spin" axis="0 1 0"/>
-<geom type="box" size=".5 .05 .05"/></body></worldbody>
-<keyframe><key name="fast" qpos="0" qvel="40"/></keyframe></mujoco>
-"""
-
-
 def test_evs_emulate_serves_a_real_reader(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "ball.xml").write_text(BALL)
+    (tmp_path / "bar.xml").write_text(BAR)
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     (tmp_path / "p.toml").write_text(
         "duration_s = 0.05\nreport = 'report.json'\nrecord = 'run.npz'\n"
-        "[scene]\nfile = 'ball.xml'\nkeyframe = 'fast'\n[sensor]\nwidth = 48\nheight = 36\n"
+        "[scene]\nfile = 'bar.xml'\nkeyframe = 'fast'\n[sensor]\nwidth = 48\nheight = 36\n"
         f"[[sink]]\ntype = 'dv'\naddress = 'tcp://127.0.0.1:{port}'\ncompression = 'lz4'\n"
         "wait_for = 1\nwait_s = 20\n"
     )

@@ -16,23 +16,10 @@ import pytest
 from evs.drivers.files import read, summary
 from evs.drivers.files.multi_file import later_parts
 from evs.drivers.search_path import search_path
+from reference.mjcf import BLUE_BAR
 
 pytestmark = pytest.mark.extremes
 
-SCENE = """
-<mujoco>
-  <option timestep="0.001"/>
-  <worldbody>
-    <light pos="0 -1 3" dir="0 0.3 -1"/>
-    <camera name="eye" pos="0 -2 0.6" xyaxes="1 0 0 0 0.2 1"/>
-    <geom type="plane" size="2 2 .1" rgba=".8 .8 .8 1"/>
-    <body pos="0 0 .5">
-      <joint name="spin" axis="0 1 0"/><geom type="box" size=".5 .05 .05" rgba=".1 .2 .9 1"/>
-    </body>
-  </worldbody>
-  <keyframe><key name="fast" qpos="0" qvel="40"/></keyframe>
-</mujoco>
-"""
 ROOM = 64 * 1024
 TICKS = 400
 
@@ -94,7 +81,7 @@ def on_full_disk(folder: Path, disk: Path, command: list[str]) -> subprocess.Com
     ],
 )
 def test_the_camera_goes_on(tmp_path: Path, compression: str, rotate: list[str]) -> None:
-    (tmp_path / "ball.xml").write_text(SCENE)
+    (tmp_path / "ball.xml").write_text(BLUE_BAR.format(speed=40))
     disk = tmp_path / "disk"
     words = ["emulate", "--scene", "ball.xml", "sensor.width=96", "sensor.height=72", "--seed", "1"]
     words += ["scene.keyframe=fast", "--duration", str(TICKS / 1000), "--report", "report.json"]
@@ -125,7 +112,7 @@ def test_the_camera_goes_on(tmp_path: Path, compression: str, rotate: list[str])
 
 
 def test_a_recording_alone_ends_with_its_disk(tmp_path: Path) -> None:
-    (tmp_path / "ball.xml").write_text(SCENE)
+    (tmp_path / "ball.xml").write_text(BLUE_BAR.format(speed=40))
     disk = tmp_path / "disk"
     words = ["emulate", "--scene", "ball.xml", "sensor.width=96", "sensor.height=72"]
     words += ["scene.keyframe=fast", "--duration", "60", "--record", f"{disk}/run.aedat4"]

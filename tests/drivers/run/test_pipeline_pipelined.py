@@ -19,22 +19,9 @@ from evs.emulator.config import ModelConfig, RenderConfig, SceneConfig, SensorCo
 from evs.emulator.simulation.pipelined import MOST_BYTES, PipelinedWorld, pipelined
 from evs.launch.main import main
 from evs.msgs import EvsError
+from reference.mjcf import ARM
 
 SMALL = SensorConfig(preset="davis346", width=64, height=48)
-ARM = """
-<mujoco>
-  <option timestep=".0005"/>
-  <worldbody>
-    <light pos="0 0 3"/>
-    <geom type="plane" size="2 2 1" rgba=".3 .3 .3 1"/>
-    <camera name="side" pos="0 -3 1" xyaxes="1 0 0 0 .3 1"/>
-    <camera name="top" pos="0 0 4"/>
-    <body name="arm" pos="0 0 1"><joint name="swing" axis="0 1 0" damping="1"/>
-      <geom type="capsule" fromto="0 0 0 .8 0 0" size=".15" density="50"/></body>
-  </worldbody>
-  <actuator><motor joint="swing" gear="400" ctrlrange="-1 1"/></actuator>
-</mujoco>
-"""
 NOISY = RenderConfig(renderer="path", spp=2, seeds="fresh")
 TICKS = 21
 

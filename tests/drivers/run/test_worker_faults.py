@@ -17,23 +17,10 @@ import pytest
 from evs.drivers.bus.address import free_address
 from evs.drivers.files import read, summary
 from evs.drivers.search_path import search_path
+from reference.mjcf import BLUE_BAR
 
 pytestmark = pytest.mark.integration
 
-SCENE = """
-<mujoco>
-  <option timestep="0.001"/>
-  <worldbody>
-    <light pos="0 -1 3" dir="0 0.3 -1"/>
-    <camera name="eye" pos="0 -2 0.6" xyaxes="1 0 0 0 0.2 1"/>
-    <geom type="plane" size="2 2 .1" rgba=".8 .8 .8 1"/>
-    <body pos="0 0 .5">
-      <joint name="spin" axis="0 1 0"/><geom type="box" size=".5 .05 .05" rgba=".1 .2 .9 1"/>
-    </body>
-  </worldbody>
-  <keyframe><key name="fast" qpos="0" qvel="20"/></keyframe>
-</mujoco>
-"""
 
 QUIET = ("--quiet", "sensor.width=48", "sensor.height=36", "scene.keyframe=fast")
 ENDLESS = ("--duration", "600", "--pace", "realtime")
@@ -45,7 +32,7 @@ def environment() -> dict[str, str]:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    (tmp_path / "bar.xml").write_text(SCENE)
+    (tmp_path / "bar.xml").write_text(BLUE_BAR.format(speed=20))
     return tmp_path
 
 

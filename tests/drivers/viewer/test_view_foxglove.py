@@ -30,6 +30,7 @@ from evs.launch import main as program
 from evs.msgs import EventPacket, Events, EvsError, Frame, Pose, StreamInfo, make_events
 from evs.msgs.codecs import PayloadReader
 from evs.msgs.pictures import OFF_RGB, ON_RGB, PAPER
+from reference.mjcf import BAR
 from reference.worker_packets import INFO, worker_sink
 from tests.support.full_disk import fill
 
@@ -235,19 +236,11 @@ def test_other_encodings_of_the_events(encoding: str, tmp_path: Path) -> None:
     same_events(events_of(packets, encoding), 30)
 
 
-BALL = """
-<mujoco><worldbody><light pos="0 -1 3"/><camera name="eye" pos="0 -2 .6" xyaxes="1 0 0 0 .2 1"/>
-<geom type="plane" size="2 2 .1"/><body pos="0 0 .5"><joint name="spin" axis="0 1 0"/>
-<geom type="box" size=".5 .05 .05"/></body></worldbody>
-<keyframe><key name="fast" qpos="0" qvel="40"/></keyframe></mujoco>
-"""
-
-
 @pytest.mark.parametrize("worker", ["false", "true"])
 def test_a_run_records_for_foxglove(worker: str, tmp_path: Path) -> None:
-    (tmp_path / "ball.xml").write_text(BALL)
+    (tmp_path / "bar.xml").write_text(BAR)
     (tmp_path / "p.toml").write_text(
-        "duration_s = 0.1\n[scene]\nfile = 'ball.xml'\nkeyframe = 'fast'\n"
+        "duration_s = 0.1\n[scene]\nfile = 'bar.xml'\nkeyframe = 'fast'\n"
         "[sensor]\nwidth = 48\nheight = 36\n[sensor.aps]\nenabled = true\n"
         "[[sink]]\ntype = 'foxglove'\nmcap = 'run.mcap'\nperiod_us = 10000\n"
         f"worker = {worker}\n[[sink]]\ntype = 'npz'\nfile = 'run.npz'\n"

@@ -30,6 +30,7 @@ from evs.launch import main as program
 from evs.launch.support import live_view
 from evs.msgs import EventPacket, EvsError, Frame, Pose, StreamInfo, make_events
 from evs.msgs.pictures import OFF_RGB, ON_RGB
+from reference.mjcf import BAR
 from tests.support.full_disk import fill
 
 pytestmark = pytest.mark.skipif(
@@ -124,18 +125,10 @@ def watched(words: list[str], ticks: int = 100) -> int:
         publishing.join()
 
 
-BALL = """
-<mujoco><worldbody><light pos="0 -1 3"/><camera name="eye" pos="0 -2 .6" xyaxes="1 0 0 0 .2 1"/>
-<geom type="plane" size="2 2 .1"/><body pos="0 0 .5"><joint name="spin" axis="0 1 0"/>
-<geom type="box" size=".5 .05 .05"/></body></worldbody>
-<keyframe><key name="fast" qpos="0" qvel="40"/></keyframe></mujoco>
-"""
-
-
 def test_a_run_leaves_a_file_that_rerun_verifies(tmp_path: Path) -> None:
-    (tmp_path / "ball.xml").write_text(BALL)
+    (tmp_path / "bar.xml").write_text(BAR)
     (tmp_path / "p.toml").write_text(
-        "duration_s = 0.2\n[scene]\nfile = 'ball.xml'\nkeyframe = 'fast'\n"
+        "duration_s = 0.2\n[scene]\nfile = 'bar.xml'\nkeyframe = 'fast'\n"
         "[sensor]\nwidth = 48\nheight = 36\n[sensor.aps]\nenabled = true\n"
         "[[sink]]\ntype = 'rerun'\nrrd = 'run.rrd'\nperiod_us = 10000\n"
     )

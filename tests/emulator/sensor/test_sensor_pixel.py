@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from evs.emulator import _core
 from evs.emulator.base.scene import F32
-from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
+from evs.emulator.sensor import PlainModel, SensorParameters
 from evs.emulator.sensor.pixel import log_light
 from evs.emulator.sensor.running_mean import RunningMeanConstants
-from reference.pixel.model import ReferenceModel, caught_up
+from reference.pixel.model import ReferenceModel, at_clock, caught_up
 
 pytestmark = pytest.mark.property
 
@@ -146,15 +146,6 @@ def test_native_gives_the_oracles_bytes(
             assert caught_up(sensor, states[i]) == expected
         assert all(state == states[0] for state in states)
         t_us += tick_us + (gap_us if k % 5 == 0 else 0)  # light may be missing for a while
-
-
-def at_clock(state: PlainState, clock_us: int) -> PlainState:
-    """A new sensor whose clock does not begin at 0."""
-    state.clock_us = clock_us
-    for blocks, unit in ((state.due_us, 1), (state.since_us, 1), (state.shot_next, 1024)):
-        if blocks is not None:
-            blocks[:] = clock_us * unit
-    return state
 
 
 @settings(max_examples=60, deadline=None)

@@ -74,17 +74,6 @@ def test_a_ramp_has_as_many_events_however_it_is_cut_into_ticks() -> None:
     assert b"".join(events.tobytes() for events in cut) == whole[0].tobytes()
 
 
-def test_mirrored_light_gives_mirrored_events() -> None:
-    generator = np.random.default_rng(4)
-    light = generator.integers(0, 2048, (40, 6, 9)) / 1024.0
-    ours, _ = run(linear_sensor(9, 6, on=0.25, off=0.1875), list(light))
-    mirrored, _ = run(linear_sensor(9, 6, on=0.1875, off=0.25), list(2.0 - light))
-    assert sum(map(len, ours)) > 5000
-    for a, b in zip(ours, mirrored, strict=True):
-        b["p"] = 1 - b["p"]
-        assert a.tobytes() == b.tobytes()
-
-
 def test_order_is_time_then_pixel_then_crossing() -> None:
     light = np.zeros((2, 3))
     light[0, 1] = light[1, 2] = 1.0

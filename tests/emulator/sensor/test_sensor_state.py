@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-
 import numpy as np
 import pytest
 
@@ -28,23 +26,6 @@ def advance(
         events, state = model.step(frame(k), state, k * 1000, (k + 1) * 1000)
         parts.append(events.tobytes())
     return b"".join(parts), state
-
-
-def test_restored_in_mid_stream_goes_on_with_the_same_bytes() -> None:
-    model = PlainModel(SENSOR, 1)
-    whole, end = advance(model, model.init(5), 0, 20)
-
-    first, state = advance(model, model.init(5), 0, 11)
-    file = io.BytesIO()
-    np.savez(file, **state.save())
-    file.seek(0)
-    # another process: nothing but the sensor and the file
-    with np.load(file) as saved:
-        state = PlainState.restore(saved)
-    second, state = advance(PlainModel(SENSOR, 2), state, 11, 20)
-    assert first + second == whole
-    assert len(whole) > 16 * 10_000
-    assert state == end
 
 
 def test_one_model_serves_many_states() -> None:

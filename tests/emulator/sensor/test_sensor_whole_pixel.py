@@ -13,7 +13,7 @@ from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
 from evs.emulator.sensor.pixel import MAX_CLOCK_US, MAX_TICK_US
 from evs.emulator.sensor.running_mean import RunningMeanConstants
 from evs.msgs import Events, EvsError, join_events
-from reference.pixel.model import ReferenceModel, caught_up
+from reference.pixel.model import ReferenceModel, at_clock, caught_up
 from reference.terms import ALL_TERMS as ALL
 
 pytestmark = pytest.mark.extremes
@@ -44,7 +44,7 @@ def both(
     models = [
         PlainModel(sensor, 2, isa, average=average, causes=True) for isa in _core.isa_available()
     ]
-    expected, *states = (later(model.init(5), clock_us) for model in (oracle, *models))
+    expected, *states = (at_clock(model.init(5), clock_us) for model in (oracle, *models))
     parts = []
     for k, frame in enumerate(frames):
         span = (k * tick_us, (k + 1) * tick_us)
@@ -56,14 +56,6 @@ def both(
         parts.append(events)
     causes = [part.view(np.uint8).reshape(-1, 16)[:, 13] for part in parts]
     return join_events(parts), np.concatenate(causes), states[0]
-
-
-def later(state: PlainState, clock_us: int) -> PlainState:
-    state.clock_us = clock_us
-    for blocks, unit in ((state.due_us, 1), (state.since_us, 1), (state.shot_next, 1024)):
-        if blocks is not None:
-            blocks[:] = clock_us * unit
-    return state
 
 
 @pytest.mark.parametrize("law", ["exact", "euler", "large_signal"])

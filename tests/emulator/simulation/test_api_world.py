@@ -21,23 +21,9 @@ from evs.emulator.config import (
 from evs.emulator.config.sensor import BiasConfig
 from evs.emulator.sensor import resolve_sensor
 from evs.msgs import EvsError
+from reference.mjcf import ARM
 
 SMALL = SensorConfig(preset="davis346", width=64, height=48)
-ARM = """
-<mujoco>
-  <option timestep=".0005"/>
-  <worldbody>
-    <light pos="0 0 3"/>
-    <geom type="plane" size="2 2 1" rgba=".3 .3 .3 1"/>
-    <camera name="side" pos="0 -3 1" xyaxes="1 0 0 0 .3 1"/>
-    <camera name="top" pos="0 0 4"/>
-    <body name="arm" pos="0 0 1"><joint name="swing" axis="0 1 0" damping="1"/>
-      <geom type="capsule" fromto="0 0 0 .8 0 0" size=".15" density="50"/></body>
-  </worldbody>
-  <actuator><motor joint="swing" gear="400" ctrlrange="-1 1"/></actuator>
-  <keyframe><key name="up" qpos="-1.2" ctrl=".7"/></keyframe>
-</mujoco>
-"""
 
 
 @pytest.fixture(scope="module")

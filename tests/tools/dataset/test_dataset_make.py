@@ -22,24 +22,10 @@ from evs.msgs import Cause, EvsError
 from evs.tools.dataset import Dataset, SceneFile, named, of_file
 from evs.tools.dataset.make import make_dataset
 from evs.tools.dataset.manifest import MANIFEST, listed
+from reference.mjcf import BALL
 
 TINY = ("--duration", "0.07", "sensor.width=43", "sensor.height=33", "--quiet")
 """besides --short: a shard of 50 ms and one of 20 ms"""
-
-BALL = """
-<mujoco model="ball">
-  <visual><headlight ambient="0.3 0.3 0.3"/></visual>
-  <worldbody>
-    <light pos="1 -1 4"/>
-    <geom name="floor" type="plane" size="5 5 .1" rgba=".4 .4 .4 1"/>
-    <body name="ball" pos="0 0 1.2"><freejoint/>
-      <geom name="ball" size=".4" rgba=".9 .8 .2 1"/></body>
-    <body pos="0 -3 1" gravcomp="1"><joint name="x" type="slide" axis="1 0 0"/>
-      <geom size=".01" mass="1" rgba="0 0 0 0"/><camera name="eye" xyaxes="1 0 0 0 0 1"/></body>
-  </worldbody>
-  <actuator><velocity name="x" joint="x" kv="100" ctrlrange="-2 2"/></actuator>
-</mujoco>
-"""
 
 
 @pytest.fixture(scope="module")

@@ -19,21 +19,8 @@ from evs.tools.dataset import Dataset, of_file
 from evs.tools.dataset.contact_sheet import words_of
 from evs.tools.dataset.make import make_dataset, shard_count
 from evs.tools.dataset.manifest import listed
+from reference.mjcf import BALL
 
-BALL = """
-<mujoco model="ball">
-  <visual><headlight ambient="0.3 0.3 0.3"/></visual>
-  <worldbody>
-    <light pos="1 -1 4"/>
-    <geom name="floor" type="plane" size="5 5 .1" rgba=".4 .4 .4 1"/>
-    <body name="ball" pos="0 0 1.2"><freejoint/>
-      <geom name="ball" size=".4" rgba=".9 .8 .2 1"/></body>
-    <body pos="0 -3 1" gravcomp="1"><joint name="x" type="slide" axis="1 0 0"/>
-      <geom size=".01" mass="1" rgba="0 0 0 0"/><camera name="eye" xyaxes="1 0 0 0 0 1"/></body>
-  </worldbody>
-  <actuator><velocity name="x" joint="x" kv="100" ctrlrange="-2 2"/></actuator>
-</mujoco>
-"""
 RANGES = {
     "pos_thres": "uniform(0.1, 0.3)",
     "neg_thres": "normal(1, 0.1) * pos_thres",

@@ -314,6 +314,15 @@ class ReferenceModel:
         return packet
 
 
+def at_clock(state: PlainState, clock_us: int) -> PlainState:
+    """A new sensor whose clock does not begin at 0."""
+    state.clock_us = clock_us
+    for blocks, unit in ((state.due_us, 1), (state.since_us, 1), (state.shot_next, 1024)):
+        if blocks is not None:
+            blocks[:] = clock_us * unit
+    return state
+
+
 def caught_up(sensor: SensorParameters, state: PlainState) -> PlainState:
     """A native state as if no block had been left out: what has leaked is in the references."""
     state = state.copy()
