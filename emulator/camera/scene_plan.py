@@ -121,7 +121,7 @@ def _view(bound: BoundCamera, config: RunConfig) -> dict[str, Any]:
         "distortion_model": camera.distortion_model,
         "renderer": render.renderer,
         "samples": render.samples,
-        "antialiasing": render.antialiasing,
+        "antialiasing": "adaptive" if render.adaptive else "fixed",
         "model": config.model.name,
     }
     if RENDERERS[render.renderer].bounces:

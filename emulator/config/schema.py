@@ -203,9 +203,13 @@ class RenderConfig:
         "default 16",
         example=4,
     )
-    antialiasing: str = "fixed"
-    """fixed: every pixel takes all samples | adaptive: only pixels at an edge of the light (direct,
-    hybrid) or of a geom (path) take all, the others one (direct, hybrid) or a quarter (path)"""
+    antialiasing: str | None = parameter(
+        None,
+        "fixed: every pixel takes all samples | adaptive: only pixels at an edge of the light "
+        "(direct, hybrid) or of a geom (path) take all, the others one (direct, hybrid) or a "
+        "quarter (path); direct, hybrid: default adaptive; path, raster: default fixed",
+        example="adaptive",
+    )
     seeds: str = "fixed"
     """fixed: a pixel takes the same samples every tick, so constant light causes no events |
     fresh: new samples every tick, as in the paper | cycle: a cycle of sets of samples, one per
@@ -255,6 +259,14 @@ class RenderConfig:
             return self.spp
         row = RENDERERS.get(self.renderer)
         return row.default_spp if row else 1
+
+    @property
+    def adaptive(self) -> bool:
+        """Whether only pixels at an edge take all samples."""
+        if self.antialiasing is not None:
+            return self.antialiasing == "adaptive"
+        row = RENDERERS.get(self.renderer)
+        return row is not None and row.adaptive
 
     @property
     def delay_ticks(self) -> float:

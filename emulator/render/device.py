@@ -1,4 +1,4 @@
-"""Where the native renderer traces its pixels: the protocol, and the CPU. GPUs: render/gpu."""
+"""Where pixels are rendered: the choice, the protocol, and the CPU. GPUs: render/gpu."""
 
 from __future__ import annotations
 
@@ -7,10 +7,48 @@ from typing import Protocol
 import numpy as np
 
 from evs.emulator import _core
-from evs.emulator.base.scene import F32, F64
+from evs.emulator.base.gpu.driver import why_no_gpu
+from evs.emulator.base.scene import F32, F64, SceneModel
+from evs.emulator.config import RenderConfig
+from evs.emulator.render.renderer_table import RENDERERS
+from evs.msgs import EvsError
 
 Poses = tuple[F64, F64, F64, F64, F64, F64]
 """of geoms, lights and camera, as Caster.render takes them"""
+
+
+def device_of(scene: SceneModel, config: RenderConfig, rgb: bool = False) -> str:
+    """Where a camera is rendered: "cpu" or "cuda".
+
+    Args:
+        scene: What is seen.
+        config: [render].
+        rgb: Whether colour is wanted beside the luminance.
+
+    Raises:
+        EvsError: render.device is cuda, and that cannot be.
+    """
+    if config.device == "cpu":
+        return "cpu"
+    reason = _why_not_cuda(scene, config, rgb) or why_no_gpu()
+    if reason and config.device == "cuda":
+        raise EvsError(f"render.device is cuda, but {reason}; take cpu, or auto")
+    return "cpu" if reason else "cuda"
+
+
+def _why_not_cuda(scene: SceneModel, config: RenderConfig, rgb: bool) -> str:
+    """Why no GPU can render this, as a reason; "": one can."""
+    row = RENDERERS[config.renderer]
+    if not row.cuda:
+        able = " and ".join(name for name, row in RENDERERS.items() if row.cuda)
+        return f"render.renderer is {config.renderer}, and a GPU renders {able} only"
+    if rgb:
+        return "colour is rendered on the CPU only"
+    if row.paths and config.adaptive:
+        return "paths at edges only (render.antialiasing=adaptive) are traced on the CPU"
+    if scene.deforming or (row.bounces and len(scene.stretching)):
+        return "the scene has shapes that deform"
+    return ""
 
 
 class Device(Protocol):

@@ -136,7 +136,7 @@ class NativeRenderer:
             ),
             _core.Tracing(
                 samples=config.samples,
-                adaptive=config.antialiasing == "adaptive",
+                adaptive=config.adaptive,
                 shadows=config.shadows,
                 incremental=config.incremental,
                 rgb=rgb,

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from evs.emulator import _core
 from evs.emulator.base.features import UNFORCED, Switches
-from evs.emulator.base.gpu.driver import DEVICES, why_no_gpu
+from evs.emulator.base.gpu.driver import DEVICES
 from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.scene import CameraModel, SceneModel
 from evs.emulator.config import RenderConfig
+from evs.emulator.render.device import device_of
 from evs.emulator.render.native import NativeRenderer
 from evs.emulator.render.renderer_table import RENDERERS
 from evs.emulator.render.seed_cycle import CycleRenderer
@@ -79,46 +80,12 @@ def make_renderer(
     return made
 
 
-def device_of(scene: SceneModel, config: RenderConfig, rgb: bool = False) -> str:
-    """Where a camera is rendered: "cpu" or "cuda".
-
-    Args:
-        scene: What is seen.
-        config: [render].
-        rgb: Whether colour is wanted beside the luminance.
-
-    Raises:
-        EvsError: render.device is cuda, and that cannot be.
-    """
-    if config.device == "cpu":
-        return "cpu"
-    reason = _why_not_cuda(scene, config, rgb) or why_no_gpu()
-    if reason and config.device == "cuda":
-        raise EvsError(f"render.device is cuda, but {reason}; take cpu, or auto")
-    return "cpu" if reason else "cuda"
-
-
-def _why_not_cuda(scene: SceneModel, config: RenderConfig, rgb: bool) -> str:
-    """Why no GPU can render this, as a reason; "": one can."""
-    row = RENDERERS[config.renderer]
-    if not row.cuda:
-        able = " and ".join(name for name, row in RENDERERS.items() if row.cuda)
-        return f"render.renderer is {config.renderer}, and a GPU renders {able} only"
-    if rgb:
-        return "colour is rendered on the CPU only"
-    if row.paths and config.antialiasing == "adaptive":
-        return "paths at edges only (render.antialiasing=adaptive) are traced on the CPU"
-    if scene.deforming or (row.bounces and len(scene.stretching)):
-        return "the scene has shapes that deform"
-    return ""
-
-
 def check_render(config: RenderConfig) -> None:
     """EvsError where a value of the configuration makes no sense."""
     if config.renderer not in RENDERERS:
         raise unknown("renderer", config.renderer, list(RENDERERS))
     _check_samples(config)
-    if config.antialiasing not in ("fixed", "adaptive"):
+    if config.antialiasing not in (None, "fixed", "adaptive"):
         raise unknown("render.antialiasing", config.antialiasing, ["fixed", "adaptive"])
     if config.headlight not in ("model", "off"):
         raise unknown("render.headlight", config.headlight, ["model", "off"])

@@ -18,6 +18,8 @@ class RendererRow:
     default_spp: int
     """samples per pixel if the configuration sets none: the fewest that give usable events"""
     max_spp: int
+    adaptive: bool = False
+    """render.antialiasing is adaptive unless the configuration sets it"""
     seeds: tuple[str, ...] = ("fixed",)
     """values of render.seeds; a renderer without noise has "fixed" only"""
     options: tuple[str, ...] = ()
@@ -49,6 +51,7 @@ RENDERERS = {
         "evs.emulator.render.native:NativeRenderer",
         default_spp=4,
         max_spp=64,
+        adaptive=True,
         options=NATIVE,
         cuda="evs.emulator.render.gpu.direct:DirectOnGpu",
     ),
@@ -56,6 +59,7 @@ RENDERERS = {
         "evs.emulator.render.native:NativeRenderer",
         default_spp=4,
         max_spp=64,
+        adaptive=True,
         options=NATIVE,
         cuda="evs.emulator.render.gpu.hybrid:HybridOnGpu",
         bounces=True,

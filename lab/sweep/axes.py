@@ -59,7 +59,7 @@ def samples(base: PipelineConfig) -> Values:
     every: Changes = {"render.antialiasing": "fixed"}
     edges: Changes = {"render.antialiasing": "adaptive"}
     if render.renderer == "path":
-        at_edges = render.antialiasing == "adaptive"
+        at_edges = render.adaptive
         own = max(1, render.samples // 4) if at_edges else render.samples
         steps = [own * 4**k for k in (-2, -1, 0, 1, 2)]
         wanted = sorted({min(PATH_SPP, step) for step in map(int, steps) if step >= 1})

@@ -26,7 +26,9 @@ class DirectOnGpu(GpuDevice):
         macros = {"EVS_CHANNELS": caster.channels, "EVS_ADAPTIVE": int(adaptive)}
         self._kernels = kernels_of(gpu, "render/direct", names, macros)
         if adaptive:
-            self.why_not_lent = "a GPU renders samples at edges camera by camera"
+            self.why_not_lent = (
+                "a GPU renders samples at edges camera by camera; take render.antialiasing=fixed"
+            )
         else:
             self.why_not_lent, self.uploaded = "", self._scene
 

@@ -74,7 +74,7 @@ def test_hybrid_stands_beside_the_presets_and_has_samples_of_its_own(tmp_path: P
         beside = {p.config.render.renderer for p in axes.points([preset]) if p.axis == "renderer"}
         assert "hybrid" in beside | {preset_of(preset).render.renderer}
     file = tmp_path / "mine.toml"
-    file.write_text('[render]\nrenderer = "hybrid"\nspp = 4\n')
+    file.write_text('[render]\nrenderer = "hybrid"\nspp = 4\nantialiasing = "fixed"\n')
     own, *others = axes.points([str(file)], ["samples"])
     assert own == SweepPoint(str(file))
     found = {p.value: (p.config.render.antialiasing, p.config.render.spp) for p in others}

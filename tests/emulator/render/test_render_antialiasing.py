@@ -85,7 +85,7 @@ def pan(poses: int, step_px: float, angle: float, **render: object) -> F32:
     bound = bind_camera(model, "", WIDTH, HEIGHT, view)
     frame: SceneSnapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
     rest = frame.cameras[0]
-    config = RenderConfig(**render)  # type: ignore[arg-type]
+    config = RenderConfig(**{"antialiasing": "fixed", **render})  # type: ignore[arg-type]
     renderer = NativeRenderer(
         extract_scene(model), bound.model, config, 1, switches=SAMPLED_OUTLINES
     )
@@ -222,7 +222,7 @@ def test_events_are_those_of_16_samples_everywhere() -> None:
     sensor = resolve_sensor(pixels)
 
     def events(**render: object):
-        config = RenderConfig(**render)  # type: ignore[arg-type]
+        config = RenderConfig(**{"antialiasing": "fixed", **render})  # type: ignore[arg-type]
         renderer = NativeRenderer(scene, camera, config, 1, switches=SAMPLED_OUTLINES)
         model = make_event_model(sensor, ModelConfig(), 1)
         state, parts = model.init(0), []
@@ -275,7 +275,9 @@ def test_textures_of_planes_and_the_sky_are_read_at_several_points_of_a_pixel() 
     )
 
     def light(**render: object) -> F32:
-        renderer = NativeRenderer(scene, bound.model, RenderConfig(**render), 1)  # type: ignore[arg-type]
+        renderer = NativeRenderer(
+            scene, bound.model, RenderConfig(**{"antialiasing": "fixed", **render}), 1
+        )  # type: ignore[arg-type]
         return renderer.render(frame, frame.cameras[0]).copy()
 
     truth = light(spp=256)

@@ -103,7 +103,7 @@ def run(isa: str) -> tuple[str, dict[str, str]]:
     """Digest of all the light, and of each field of all the events."""
     camera = camera_of(WIDTH, HEIGHT, 60)
     pose = CameraPose(np.array([0, -2, 1.5]), np.array([1, 0, 0, 0, 0.6, -0.8, 0, 0.8, 0.6]))
-    renderer = make_renderer(scene(), camera, RenderConfig(spp=2, isa=isa), 1)
+    renderer = make_renderer(scene(), camera, RenderConfig(spp=2, antialiasing="fixed", isa=isa), 1)
     sensor = resolve_sensor(SensorConfig("ideal", width=WIDTH, height=HEIGHT, sigma_thres=0.02))
     model = make_event_model(sensor, ModelConfig(), 1)
     state, light, parts = model.init(7), hashlib.sha256(), []

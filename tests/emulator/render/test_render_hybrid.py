@@ -25,7 +25,7 @@ from reference.ball_room import ball_room
 from reference.random_scenes import RandomStage, check_film
 from reference.stage import Stage
 
-HYBRID = RenderConfig(renderer="hybrid", spp=2)
+HYBRID = RenderConfig(renderer="hybrid", spp=2, antialiasing="fixed")
 RENEWAL, QUARTERS = 16, 4
 DROPPED = 2 * RENEWAL * QUARTERS
 REST = 3 * RENEWAL * QUARTERS
@@ -240,7 +240,7 @@ def test_packets_before_a_still_camera_are_lit_again(mode: str, spp: int, floor:
     data = mujoco.MjData(model)
     camera = bind_camera(model, "eye", 64, 48, CameraConfig())
     scene, snapshots = extract_scene(model), SnapshotTaker(model, [camera])
-    config = RenderConfig(renderer="hybrid", spp=spp)
+    config = RenderConfig(renderer="hybrid", spp=spp, antialiasing="fixed")
     kept, full = (
         make_renderer(
             scene, camera.model, replace(config, incremental=incremental), 1, rgb=spp == 3

@@ -53,7 +53,7 @@ def light_of(
     size = SIZE * zoom
     camera = CameraModel(size, size, 40.0 * zoom, 44.0 * zoom, size / 2, size / 2)
     view = CameraPose(np.array([aside, 0.0, 3.0]), np.eye(3).reshape(9))
-    config = RenderConfig(**render)  # type: ignore[arg-type]
+    config = RenderConfig(**{"antialiasing": "fixed", **render})  # type: ignore[arg-type]
     renderer = make_renderer(scene, camera, config, 1, switches=switches)
     return renderer.render(shot_of(scene, places, mats), view).copy()
 

@@ -81,7 +81,13 @@ def test_four_samples_are_the_mean_of_four_shifted_pictures() -> None:
         ]
         # outlines cover a part of each quarter, or of the pixel
         *apart, light = (
-            NativeRenderer(stage.scene, moved, RenderConfig(spp=spp), 1, switches=SAMPLED_OUTLINES)
+            NativeRenderer(
+                stage.scene,
+                moved,
+                RenderConfig(spp=spp, antialiasing="fixed"),
+                1,
+                switches=SAMPLED_OUTLINES,
+            )
             .render(frame, stage.pose)
             .copy()
             for moved, spp in [*((shift, 1) for shift in shifts), (camera, 4)]

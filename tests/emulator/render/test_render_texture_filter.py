@@ -81,7 +81,7 @@ def errors(
     """Sum of the squared errors of light with the filter and without, where nothing ends."""
 
     def light(samples: int, switches: Switches) -> F32:
-        config = RenderConfig(spp=samples)
+        config = RenderConfig(spp=samples, antialiasing="fixed")
         return make_renderer(scene, camera, config, 1, switches=switches).render(shot, pose).copy()
 
     renderer = make_renderer(scene, camera, RenderConfig(spp=1), 1)

@@ -67,7 +67,7 @@ def camera_of(focal: float, orthographic: bool = False) -> CameraModel:
 
 
 def light_of(world: SceneModel, camera: CameraModel, view: CameraPose, spp: int) -> F32:
-    renderer = make_renderer(world, camera, RenderConfig(spp=spp), 1)
+    renderer = make_renderer(world, camera, RenderConfig(spp=spp, antialiasing="fixed"), 1)
     return renderer.render(shot_of(world, np.zeros(3)), view).copy()
 
 
@@ -149,7 +149,9 @@ def test_tiles_are_the_same_bytes_everywhere(
         camera = replace(camera, distortion_model="plumb_bob", distortion=(-0.1, 0, 0, 0, 0))
     for spp in (1, 4):
         light = [
-            NativeRenderer(world, camera, RenderConfig(spp=spp, isa=isa), threads)
+            NativeRenderer(
+                world, camera, RenderConfig(spp=spp, antialiasing="fixed", isa=isa), threads
+            )
             .render(shot, view)
             .copy()
             for isa in _core.isa_available()

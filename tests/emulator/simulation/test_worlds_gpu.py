@@ -37,7 +37,10 @@ def pairs(
     scene = mujoco.MjModel.from_xml_string(SWING)
 
     def described(device: str) -> list[dict[str, Any]]:
-        render, pixels = RenderConfig(device=device), ModelConfig(device=device, **model)
+        render, pixels = (
+            RenderConfig(device=device, antialiasing="fixed"),
+            ModelConfig(device=device, **model),
+        )
         each = {"sensor": sensor, "render": render, "model": pixels}
         return [{"camera": camera, **each} for camera in cameras]
 
@@ -142,7 +145,10 @@ def test_light_that_is_none_is_counted_where_it_is(
 
 def test_what_does_not_fit_together_goes_one_by_one(device: StandInGpu | None) -> None:
     worlds = Worlds(mujoco.MjModel.from_xml_string(SWING), 2)
-    there = {"render": RenderConfig(device="cuda"), "model": ModelConfig(device="cuda")}
+    there = {
+        "render": RenderConfig(device="cuda", antialiasing="fixed"),
+        "model": ModelConfig(device="cuda"),
+    }
     worlds.add_camera("left", sensor=NOISY, **there)
     worlds.add_camera("right", sensor=NOISY)
     assert "differ in size or device" in worlds.one_by_one

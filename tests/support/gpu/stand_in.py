@@ -18,7 +18,7 @@ from evs.emulator.base.gpu.compiler import SCAN_THREADS
 from evs.emulator.base.gpu.driver import DevicePart
 from evs.emulator.camera import pixel_pipeline
 from evs.emulator.evsnet.gpu.network import KERNELS as NETWORK_KERNELS
-from evs.emulator.render import renderer_factory
+from evs.emulator.render import device as render_device
 
 
 def _trace_pass(edges: bool, frame: npt.NDArray[Any], *arguments: npt.NDArray[Any]) -> None:
@@ -168,6 +168,6 @@ def stand_in(monkeypatch: pytest.MonkeyPatch, *modules: ModuleType) -> StandInGp
     for module in modules:
         monkeypatch.setattr(module, "the_gpu", lambda: gpu)
     monkeypatch.setattr(compiler, "cached_kernel", lambda *told: b"")
-    for chooses in (renderer_factory, pixel_pipeline):
+    for chooses in (render_device, pixel_pipeline):
         monkeypatch.setattr(chooses, "why_no_gpu", lambda: "")
     return gpu

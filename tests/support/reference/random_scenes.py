@@ -297,7 +297,9 @@ class RandomStage:
             cx=camera.cx + dx,
             cy=camera.cy + dy,
         )
-        chosen = {"spp": 1, "incremental": False, **self.render, **render, "renderer": "direct"}
+        # edges decide by their neighbours
+        own = {"spp": 1, "incremental": False, "antialiasing": "fixed"}
+        chosen = {**own, **self.render, **render, "renderer": "direct"}
         config = RenderConfig(**chosen)  # type: ignore[arg-type]
         light = NativeRenderer(self.scene, larger, config, 1).render(frame, pose)
         return light[dy : dy + camera.height, dx : dx + camera.width].copy()
