@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "scene/texture_tiles.h"
+#include "scene/checkerboard.h"
 
 namespace evs {
 namespace {

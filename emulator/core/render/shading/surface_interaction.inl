@@ -2,9 +2,9 @@
 #pragma once
 
 #include "render/geometry/intersect.inl"
+#include "render/shading/checkerboard.inl"
 #include "render/shading/footprint.inl"
 #include "render/shading/texture.inl"
-#include "render/shading/texture_tiles.inl"
 #include "scene/scene.h"
 
 namespace evs::EVS_NAMESPACE {

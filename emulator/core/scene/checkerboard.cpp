@@ -1,4 +1,4 @@
-#include "scene/texture_tiles.h"
+#include "scene/checkerboard.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-// Recognises tiled images: checkers, grids, one colour. render/shading/texture_tiles.inl averages
+// Recognises tiled images: checkers, grids, one colour. render/shading/checkerboard.inl averages
 // them.
 #pragma once
 
