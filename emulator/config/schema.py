@@ -266,7 +266,7 @@ class RenderConfig:
         if self.antialiasing is not None:
             return self.antialiasing == "adaptive"
         row = RENDERERS.get(self.renderer)
-        return row is not None and row.adaptive
+        return row is not None and row.adaptive and self.samples > 1
 
     @property
     def delay_ticks(self) -> float:

@@ -53,7 +53,7 @@ def capture_edge(speed_px_s: float, tick_us: int, width_px: int) -> Capture:
         {
             "sensor": {"width": width_px, "height": HEIGHT_PX},
             "scene": {"tick_us": tick_us},
-            "render": {"spp": SPP},
+            "render": {"spp": SPP, "antialiasing": "fixed"},
         },
         act,
     )

@@ -91,6 +91,7 @@ class ClipRenderer:
         return dataclasses.replace(
             render,
             spp=render.samples,
+            antialiasing="adaptive" if render.adaptive else "fixed",
             bounces=self.clip.bounces,
             flicker=self.clip.flicker,
             sky=self.clip.sky,

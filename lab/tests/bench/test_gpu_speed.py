@@ -66,7 +66,11 @@ def test_instruction_sets(robot_files: dict[str, Path]) -> None:
     robot = model_of("gymnasium/humanoid", robot_files, soft=False)
     films = {
         "direct, 1 sample": (robot, "gymnasium/humanoid", RenderConfig(spp=1)),
-        "hybrid": (model_of("room", robot_files), "room", RenderConfig(renderer="hybrid")),
+        "hybrid": (
+            model_of("room", robot_files),
+            "room",
+            RenderConfig(renderer="hybrid", antialiasing="fixed"),
+        ),
         "path, 4 samples": (model_of("room", robot_files), "room", RenderConfig("path", 4)),
     }
     for name, (model, view, config) in films.items():
@@ -137,7 +141,7 @@ def test_a_frame_of_soft_light(robot_files: dict[str, Path]) -> None:
     for name, size, motion in product(("gymnasium/humanoid", "room"), SIZES, ("still", "pan")):
         model = model_of(name, robot_files)
         film = Film(model, motion, *size, TICKS_OF_SWEEP, VIEWS.get(name))
-        config = RenderConfig(renderer="hybrid")
+        config = RenderConfig(renderer="hybrid", antialiasing="fixed")
         here, cpu_ms = frames(film, config, 0, TICKS_OF_SWEEP)
         there, gpu_ms = frames(film, replace(config, device="cuda"), 0, TICKS_OF_SWEEP)
         same = "equal" if here == there else "DIFFER"
@@ -191,7 +195,7 @@ def test_a_tick_of_evsnet(robot_files: dict[str, Path]) -> None:
     for (width, height), motion in product(SIZES, ("still", "pan")):
         model = model_of("gymnasium/humanoid", robot_files, soft=False)
         film = Film(model, motion, width, height, 2 * TICKS, VIEWS["gymnasium/humanoid"])
-        renderer = make_renderer(film.scene, film.camera, RenderConfig(), 0)
+        renderer = make_renderer(film.scene, film.camera, RenderConfig(antialiasing="fixed"), 0)
         light = [renderer.render(*taken).copy() for taken in film.taken]
         expected, all_ms = ticks_of_network(light, "cpu")
         _, one_ms = ticks_of_network(light, "cpu", 1)
@@ -271,7 +275,12 @@ def test_a_tick_of_soft_light_in_a_closed_loop() -> None:
     for turning, (name, render) in product((False, True), soft.items()):
         expected = b""
         for light, pixels in places:
-            world = room(SIZES[0], turning, RenderConfig(device=light, **render), pixels)
+            world = room(
+                SIZES[0],
+                turning,
+                RenderConfig(device=light, antialiasing="fixed", **render),
+                pixels,
+            )
             found, ms = [], []
             for _ in range(TICKS_OF_CLOSED):
                 begin = perf_counter()

@@ -114,7 +114,7 @@ def test_ticks_of_a_film(motion: str, robot_files: dict[str, Path]) -> None:
     renders = {
         "direct": RenderConfig(spp=1),
         "hybrid": RenderConfig(renderer="hybrid", spp=1),
-        "hybrid, 4 samples": RenderConfig(renderer="hybrid", spp=4),
+        "hybrid, 4 samples": RenderConfig(renderer="hybrid", spp=4, antialiasing="fixed"),
         "hybrid, 4 at edges": RenderConfig(renderer="hybrid", antialiasing="adaptive"),
         "path, 4 samples": RenderConfig(renderer="path", spp=4),
     }

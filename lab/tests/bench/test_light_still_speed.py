@@ -25,10 +25,10 @@ STILL = [(1, 1), (1, 2), (4, 1)]
 
 
 def renderers(view: View) -> dict[str, Renderer]:
-    """By row; 4 samples a pixel is the default."""
+    """By row."""
 
     def make(spp: int, threads: int, incremental: bool) -> Renderer:
-        config = RenderConfig(spp=spp, incremental=incremental)
+        config = RenderConfig(spp=spp, antialiasing="fixed", incremental=incremental)
         return make_renderer(view.content, view.camera, config, threads)
 
     found = {FULL.format(spp): make(spp, 1, False) for spp in (1, 4)}

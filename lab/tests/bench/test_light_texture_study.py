@@ -22,7 +22,7 @@ from reference.judged_film import JudgedFilm
 
 WIDTH, HEIGHT, TICKS = 116, 87, 61
 OFF = Switches(off=frozenset({"texture_filter"}))
-WAYS = {"fixed 1": RenderConfig(spp=1), "fixed 4": RenderConfig(spp=4)}
+WAYS = {f"fixed {spp}": RenderConfig(antialiasing="fixed", spp=spp) for spp in (1, 4)}
 
 
 @pytest.mark.bench
@@ -39,7 +39,7 @@ def test_events_of_an_orbit(name: str, robot_files: dict[str, Path]) -> None:
     def line(c: Comparison) -> str:
         return f"EMD {c.emd:6.3f}  recall {c.recall:.2f}  precision {c.precision:.2f}  {c.events}"
 
-    truth = shoot(RenderConfig(spp=64), OFF)
+    truth = shoot(RenderConfig(antialiasing="fixed", spp=64), OFF)
     silence = film.compare(truth[:0], truth).emd
     print(f"\n{name}: {len(truth)} events of 64 samples; no event at all: EMD {silence:.3f}")
     emd = {}

@@ -20,7 +20,7 @@ WIDTH, HEIGHT = 240, 180
 def test_the_page_of_pictures_is_made(mujoco_beside: MujocoPictures) -> None:
     rows = []
     for scene in SCENES.values():
-        render = RenderConfig(spp=16)
+        render = RenderConfig(spp=16, antialiasing="fixed")
         views = [
             mujoco_beside.beside(model, None, scene.camera, WIDTH, HEIGHT, render=render)
             for model in (in_even_light(scene), scene.load())

@@ -33,7 +33,7 @@ def config(file: Path, renderer: str, spp: int) -> RunConfig:
         scene=SceneConfig(file=str(file), control="random"),
         camera=CameraConfig(azimuth=70, elevation=-20),
         sensor=SensorConfig(),
-        render=RenderConfig(renderer=renderer, spp=spp),
+        render=RenderConfig(renderer=renderer, spp=spp, antialiasing="fixed"),
         threads=1,
     )
 

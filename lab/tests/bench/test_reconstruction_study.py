@@ -69,7 +69,7 @@ Row = Callable[[F32, Path], Events]
 @cache
 def film(scene: str) -> F32:
     """(TICKS + 1, HEIGHT, WIDTH) luminance."""
-    render = RenderConfig(spp=4, bounces=1)
+    render = RenderConfig(spp=4, antialiasing="fixed", bounces=1)
     size = WIDTH, HEIGHT
     return np.stack([*hand_held(scene, size, TICKS, render, SEED, PAN_PX_S, CIRCLE_PX)])
 

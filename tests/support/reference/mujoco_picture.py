@@ -119,7 +119,7 @@ class MujocoPictures:
         bound = bind_camera(model, name, width, height, view)
         snapshot, scene = SnapshotTaker(model, [bound]).snapshot(data, 0), extract_scene(model)
         pose = snapshot.cameras[0]
-        render = render or RenderConfig(spp=16)
+        render = render or RenderConfig(spp=16, antialiasing="fixed")
         renderer = make_renderer(scene, bound.model, render, 1, rgb=True)
         assert isinstance(renderer, NativeRenderer)
         renderer.render(snapshot, pose)

@@ -49,7 +49,9 @@ class View:
         self, threads: int, spp: int = 1, switches: Switches = UNFORCED, **render: str
     ) -> Callable[[], np.ndarray]:
         """A call that traces the full frame."""
-        config = RenderConfig(spp=spp, incremental=False, sites=False, **render)  # type: ignore[arg-type]
+        config = RenderConfig(  # type: ignore[arg-type]
+            **{"antialiasing": "fixed", **render}, spp=spp, incremental=False, sites=False
+        )
         renderer = make_renderer(self.content, self.camera, config, threads, switches=switches)
         return lambda: renderer.render(self.shot, self.pose)
 
