@@ -84,11 +84,22 @@ class Nodes:
 
     def kill(self, place: int) -> None:
         """Kill all processes of a node with SIGKILL."""
-        for pid in self.processes(place):
-            try:
-                os.kill(pid, signal.SIGKILL)
-            except ProcessLookupError:
-                continue
+        self._signal(place, signal.SIGKILL)
+
+    def kill_at_work(self, place: int) -> bool:
+        """Kill a node if one of its workers runs a task, which therefore never ends.
+
+        The node is stopped while the question is asked: a short task is else over before the kill.
+
+        Returns:
+            Whether the node was killed.
+        """
+        self._signal(place, signal.SIGSTOP)
+        if self.is_working(place):
+            self.kill(place)
+            return True
+        self._signal(place, signal.SIGCONT)
+        return False
 
     def is_working(self, place: int) -> bool:
         """Whether a worker of a node runs a task, by the title that Ray gives its process."""
@@ -100,6 +111,13 @@ class Nodes:
             if title.startswith("ray::") and not title.startswith("ray::IDLE"):
                 return True
         return False
+
+    def _signal(self, place: int, number: signal.Signals) -> None:
+        for pid in self.processes(place):
+            try:
+                os.kill(pid, number)
+            except ProcessLookupError:
+                continue
 
     def processes(self, place: int) -> list[int]:
         """Return the processes of one node: the session of its `ray start`."""

@@ -36,11 +36,10 @@ def test_a_data_set_completes_where_a_node_is_killed_midway(tmp_path: Path) -> N
             env=cluster.environment(),
         )
         until_s = time.monotonic() + 60
-        while len(list(far.glob("[!.]*/*/0*"))) < 3 or not cluster.is_working(1):
+        while len(list(far.glob("[!.]*/*/0*"))) < 3 or not cluster.kill_at_work(1):
             assert time.monotonic() < until_s
             time.sleep(0.02)
         assert not (far / MANIFEST).exists()
-        cluster.kill(1)
         out, err = program.communicate(timeout=100)
     assert program.returncode == 0, err
     # two scenes of three ranges, events and frames
