@@ -71,11 +71,10 @@ def check_not_continued(path: Path, opened: Callable[[Path], object], parts: int
         EvsError: The next file exists, and its header states that it is the next part.
     """
     after = part_path(path, parts)
-    if not after.is_file():
-        return
     try:
-        part = getattr(opened(after), "part", None)
-    except EvsError:
+        part = getattr(opened(after), "part", None) if after.is_file() else None
+    except (EvsError, OSError):
+        # its name may be too long for a file
         return
     if part == parts:
         raise EvsError(

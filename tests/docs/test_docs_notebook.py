@@ -32,6 +32,7 @@ def without_images(notebook: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_has_the_outputs_of_its_cells(path: Path, notebooks: ModuleType) -> None:
     kept = json.loads(path.read_text())

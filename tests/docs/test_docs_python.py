@@ -106,6 +106,7 @@ def names_before() -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "page", [page for page in WITH if name_of(page) not in ELSEWHERE], ids=name_of
 )

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
+from lockstep_stand_in import serving
 
-from evs.drivers.lockstep import LockstepServer
 from evs.examples.goalie import TRACKERS
 from evs.examples.goalie.controller import FORCE_N, MASS_KG
 from evs.examples.goalie.environment import SAVES_M, GoalieExperiment, GoalieLoop
@@ -59,17 +58,8 @@ def test_the_keepers_numbers_are_the_scenes() -> None:
 
 def test_over_the_wire_it_is_the_same(capsys: pytest.CaptureFixture[str]) -> None:
     loop = GoalieLoop(speed_m_s=8.0)
-    server = LockstepServer(loop, "tcp://127.0.0.1:0")
-    server.open()
-    stopped: list[str] = []
-    thread = threading.Thread(target=server.serve, args=(stopped,))
-    thread.start()
-    try:
+    with serving(loop) as server:
         assert main(["loop", "goalie", "--connect", server.address, "--seed", "7"]) == 0
-    finally:
-        stopped.append("end")
-        thread.join()
-        server.close()
     assert "ball_x left" in capsys.readouterr().out
     goal = GoalieExperiment("events")
     assert goal.shoot(8.0, 7) == loop.miss_m <= SAVES_M

@@ -165,6 +165,7 @@ class Probe(plugin.ViewerPlugin):
 """
 
 
+@pytest.mark.integration
 def test_it_runs_in_studio_without_a_display(tmp_path: Path) -> None:
     """The window is drawn and its pictures are uploaded, at most UPLOADS_HZ times a second."""
     (tmp_path / "ball.xml").write_text(BALL.replace('joint name="spin"', 'joint damping="0"'))

@@ -15,6 +15,7 @@ from reference.shell import offered
 Capture = pytest.CaptureFixture[str]
 
 
+@pytest.mark.integration
 def test_commands_options_choices_and_files(tmp_path: Path) -> None:
     (tmp_path / "run.aedat4").touch()
     (tmp_path / "robot.xml").touch()
@@ -26,6 +27,7 @@ def test_commands_options_choices_and_files(tmp_path: Path) -> None:
     assert offered("evs nonsense x", tmp_path) == [""]
 
 
+@pytest.mark.integration
 def test_keys_pipelines_and_scenes(tmp_path: Path) -> None:
     (tmp_path / "robot.xml").touch()
     assert "render.spp=" in [word.strip() for word in offered("evs emulate render.sp", tmp_path)]

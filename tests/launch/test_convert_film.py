@@ -217,6 +217,7 @@ def test_memory_does_not_grow_with_the_film(tmp_path: Path) -> None:
     assert peaks[1] - peaks[0] < 40_000
 
 
+@pytest.mark.integration
 def test_a_film_is_converted_without_mujoco(film: str, tmp_path: Path) -> None:
     """To load it takes longer than a short film, and it may not be installed."""
     target = str(tmp_path / "run.aedat4")

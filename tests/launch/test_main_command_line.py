@@ -156,6 +156,7 @@ def test_our_own_bugs_keep_their_traceback(monkeypatch: pytest.MonkeyPatch) -> N
         main.main(["fake"])
 
 
+@pytest.mark.integration
 def test_a_reader_that_leaves_is_no_error() -> None:
     line = (
         f"'{sys.executable}' -m evs.launch.main emulate --help | head -1; exit ${{PIPESTATUS[0]}}"

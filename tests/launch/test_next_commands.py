@@ -101,6 +101,7 @@ def shell(line: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_every_next_line_runs_as_printed(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """From a robot that stands still to a film of one that moves, by the printed lines alone."""
     words = ["robot.xml", "sensor.width=32", "sensor.height=24", "--duration", "0.2"]

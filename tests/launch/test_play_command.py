@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -16,6 +15,7 @@ import pytest
 
 from evs.drivers import clock, files
 from evs.drivers.bus import subscribe
+from evs.drivers.bus.address import free_address
 from evs.launch.main import main
 from evs.msgs import (
     EventPacket,
@@ -152,19 +152,14 @@ def test_rounds_keep_the_pace(
     assert len(set(packets)) == 80
 
 
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def player(*words: str | Path) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "evs.launch.main", "play", *map(str, words)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+@pytest.mark.integration
 def test_the_bus_gets_rounds_without_end_until_it_is_stopped(recording: Path) -> None:
-    address = f"tcp://127.0.0.1:{free_port()}"
+    address = free_address()
     process = player(recording, "--rounds", "0", "--fast", "--address", address, "--wait-for", "1")
     got = []
     with subscribe(address, timeout_s=20.0) as stream:
@@ -180,9 +175,10 @@ def test_the_bus_gets_rounds_without_end_until_it_is_stopped(recording: Path) ->
     assert [one.seq for one in got] == list(range(len(got)))
 
 
+@pytest.mark.integration
 def test_dvs_own_reader_gets_it(recording: Path) -> None:
     pytest.importorskip("dv_processing")
-    port = free_port()
+    port = int(free_address().rpartition(":")[2])
     client = Path(__file__).parents[1] / "support" / "oracles" / "dv_client.py"
     reader = subprocess.Popen(
         [sys.executable, str(client), "events", "127.0.0.1", str(port)],
@@ -209,6 +205,7 @@ LOOPBACK = (
 )
 
 
+@pytest.mark.integration
 def test_a_node_of_ros_2_gets_it(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("cyclonedds")
     from evs.msgs.codecs import PayloadReader

@@ -124,6 +124,7 @@ def on_a_terminal(program: str, *arguments: str) -> str:
     return b"".join(written).decode()
 
 
+@pytest.mark.integration
 def test_a_terminal_gets_a_bar_and_a_table() -> None:
     shown = on_a_terminal(PROGRAM, ":".join(sys.path), str(Path(__file__).parent))
     assert "emulating" in shown

@@ -60,6 +60,7 @@ def judged(header: bytes, frame: bytes) -> EventPacket | None:
     return packet
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.integers(0, len(HEADER) - 1), st.integers(0, 255)), max_size=4))
 def test_mutated_headers(changes: list[tuple[int, int]]) -> None:
     header = bytearray(HEADER)

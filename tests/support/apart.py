@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import threading
 
-from evs.drivers.lockstep import LockstepServer
+from lockstep_stand_in import serving
+
 from evs.emulator.simulation.closed_loop import ClosedLoop
 
 PROCESS = """
@@ -22,12 +22,7 @@ raise SystemExit(code)
 
 def controlled_apart(name: str, loop: ClosedLoop) -> str:
     """What the controller called `name` prints, in a process of its own, with seed 3."""
-    server = LockstepServer(loop, "tcp://127.0.0.1:0")
-    server.open()
-    stopped: list[str] = []
-    thread = threading.Thread(target=server.serve, args=(stopped,))
-    thread.start()
-    try:
+    with serving(loop) as server:
         done = subprocess.run(
             [sys.executable, "-c", PROCESS, name, server.address],
             capture_output=True,
@@ -35,10 +30,6 @@ def controlled_apart(name: str, loop: ClosedLoop) -> str:
             timeout=100,
             check=False,
         )
-    finally:
-        stopped.append("end")
-        thread.join()
-        server.close()
     assert done.returncode == 0, done.stderr
     assert "simulator: []" in done.stdout
     return done.stdout

@@ -17,15 +17,7 @@ from evs.drivers.bus import Latest, Publisher, discover, request, subscribe
 from evs.drivers.bus.curve_keys import write_keys
 from evs.drivers.clock import monotonic_s, sleep_s
 from evs.launch.main import main
-from evs.msgs import (
-    EventPacket,
-    EvsError,
-    Pose,
-    StreamInfo,
-    decode_status,
-    empty_imu,
-    make_events,
-)
+from evs.msgs import EventPacket, EvsError, Pose, StreamInfo, decode_status, empty_imu, make_events
 from evs.msgs.imu import ImuPacket
 
 ANY = "tcp://127.0.0.1:0"
@@ -178,6 +170,7 @@ def test_strange_requests_harm_nobody(running: Running) -> None:
     assert discover(running.sender.control_address).cameras
 
 
+@pytest.mark.slow
 def test_a_crowd_of_requests_does_not_stop_the_camera(running: Running) -> None:
     """Thousands of requests, whose answers nobody reads; packets go on leaving."""
     message = msgpack.packb({"request": "describe"})

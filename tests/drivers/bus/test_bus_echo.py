@@ -16,6 +16,8 @@ from evs.launch.commands import echo as echo_command
 from evs.launch.main import main
 from evs.msgs import EventPacket, StreamInfo, make_events
 
+pytestmark = pytest.mark.integration
+
 Echo = Callable[..., subprocess.Popen[str]]
 
 

@@ -15,15 +15,7 @@ import pytest
 
 from evs.drivers import files
 from evs.drivers.bus import Publisher, Subscription, subscribe
-from evs.msgs import (
-    EventPacket,
-    EvsError,
-    Frame,
-    ImuPacket,
-    StreamInfo,
-    empty_imu,
-    make_events,
-)
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, StreamInfo, empty_imu, make_events
 
 STREAM = StreamInfo(8, 6, "cam", frames=True, imu=True)
 
@@ -147,6 +139,7 @@ def test_a_camera_that_was_not_opened_is_refused() -> None:
     publisher.close()
 
 
+@pytest.mark.integration
 def test_a_recording_is_played_with_everything_in_it(tmp_path: Path, address: str) -> None:
     path = tmp_path / "run.aedat4"
     recorder = files.recorder_for(path)

@@ -154,6 +154,7 @@ def said(decoder: Callable[..., Any], parts: Parts) -> Any:
     return None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MESSAGES)
 def test_mutated_messages_are_refused_or_right(name: str) -> None:
     parts, decoder, encoder = MESSAGES[name]

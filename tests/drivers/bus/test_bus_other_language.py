@@ -16,6 +16,8 @@ from evs.drivers.bus.address import free_address
 from evs.msgs import EventPacket, StreamInfo, make_events
 from reference.cpp_client import build, program_of
 
+pytestmark = pytest.mark.integration
+
 LINES = 40
 DOCS = Path(__file__).parents[3] / "docs"
 PAGE = DOCS / "reference/wire.md"

@@ -11,14 +11,7 @@ import zmq
 
 from evs.drivers.bus import Subscription, subscribe, subscriber
 from evs.drivers.clock import monotonic_s, sleep_s
-from evs.msgs import (
-    EventPacket,
-    EvsError,
-    Status,
-    encode,
-    encode_status,
-    make_events,
-)
+from evs.msgs import EventPacket, EvsError, Status, encode, encode_status, make_events
 
 
 def packet(seq: int, camera: str = "cam") -> EventPacket:
@@ -92,6 +85,7 @@ def test_garbage_is_counted_and_skipped(rogue: zmq.Socket[bytes]) -> None:
         assert (stream.lost, stream.restarts, stream.ended) == (0, 0, False)
 
 
+@pytest.mark.slow
 def test_a_flood_of_garbage_cannot_hold_us_beyond_the_timeout(rogue: zmq.Socket[bytes]) -> None:
     with joined(rogue, queue=100_000) as stream:
         for _ in range(50_000):

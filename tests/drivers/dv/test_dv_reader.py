@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from evs.drivers.bus.address import free_address
 from evs.launch import main as program
 from evs.msgs import (
     DEGREE,
@@ -31,6 +31,8 @@ from evs.msgs import (
 )
 from reference.dv_packets import TICKS, came, packet, serving
 from reference.mjcf import BAR
+
+pytestmark = pytest.mark.integration
 
 CLIENT = Path(__file__).parents[2] / "support" / "oracles" / "dv_client.py"
 
@@ -167,16 +169,14 @@ def test_evs_emulate_serves_a_real_reader(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "bar.xml").write_text(BAR)
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    address = free_address()
     (tmp_path / "p.toml").write_text(
         "duration_s = 0.05\nreport = 'report.json'\nrecord = 'run.npz'\n"
         "[scene]\nfile = 'bar.xml'\nkeyframe = 'fast'\n[sensor]\nwidth = 48\nheight = 36\n"
-        f"[[sink]]\ntype = 'dv'\naddress = 'tcp://127.0.0.1:{port}'\ncompression = 'lz4'\n"
+        f"[[sink]]\ntype = 'dv'\naddress = '{address}'\ncompression = 'lz4'\n"
         "wait_for = 1\nwait_s = 20\n"
     )
-    reader = Reader("events", port)
+    reader = Reader("events", int(address.rpartition(":")[2]))
     try:
         code = program.main(["emulate", str(tmp_path / "p.toml"), "--quiet"])
         assert reader.said()["size"] == [48, 36]

@@ -14,12 +14,7 @@ from evs.drivers.dv import port as ports_module
 from evs.drivers.dv.port import Client
 from evs.drivers.files.aedat4 import description, layout
 from evs.drivers.sink import Stream
-from evs.msgs import (
-    Events,
-    EvsError,
-    Frame,
-    StreamInfo,
-)
+from evs.msgs import Events, EvsError, Frame, StreamInfo
 from reference.dv_packets import ALL, ANY, TICKS, came, packet, serving
 
 
@@ -63,6 +58,7 @@ class Listener:
         return data
 
 
+@pytest.mark.slow
 def test_a_stuck_client_loses_its_oldest_packets_and_nobody_else_any() -> None:
     big = [packet(seq, 20_000) for seq in range(TICKS)]
     slowest = 0.0
@@ -103,6 +99,7 @@ def test_a_stuck_client_loses_its_oldest_packets_and_nobody_else_any() -> None:
     assert slowest < 0.5
 
 
+@pytest.mark.slow
 def test_clients_that_never_read_cost_no_calls_of_the_system(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

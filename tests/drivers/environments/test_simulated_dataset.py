@@ -75,6 +75,7 @@ def flat(sample: Any) -> Any:
     return sample
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [

@@ -423,6 +423,7 @@ def test_other_worlds_and_failures_pass_through() -> None:
     assert len(env.events) == before
 
 
+@pytest.mark.integration
 def test_without_gymnasium_it_is_not_imported() -> None:
     program = """
 import sys, mujoco, evs

@@ -15,15 +15,7 @@ from PIL import Image
 from evs.drivers import files
 from evs.drivers.files.aedat3.compressed import expanded
 from evs.drivers.files.integrity import DamagedPacketWarning
-from evs.msgs import (
-    EventPacket,
-    EvsError,
-    Frame,
-    ImuPacket,
-    StreamInfo,
-    empty_imu,
-    make_events,
-)
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, StreamInfo, empty_imu, make_events
 
 STREAM = StreamInfo(6, 4, camera="eye", sensor="davis346", frames=True, imu=True)
 WRAP = 1 << 31

@@ -16,6 +16,8 @@ from evs.drivers.files.aedat4 import Aedat4File, Aedat4Recorder
 from evs.msgs import EventPacket, Events, StreamInfo, join_events, make_events
 from reference.oracles import OracleProgram
 
+pytestmark = pytest.mark.integration
+
 oracle = OracleProgram(Path(__file__).parents[2] / "support" / "oracles" / "aedat4_oracles.py")
 READERS = ("dv-processing", "aedat", "faery")
 COMPRESSIONS = ("none", "lz4", "zstd")

@@ -44,6 +44,7 @@ def whole(ticks: range | list[int]) -> Events:
     return join_events([events_of(tick) for tick in ticks])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", COMPRESSIONS)
 def test_a_file_cut_anywhere_in_its_last_packet_keeps_the_others(
     tmp_path: Path, compression: str

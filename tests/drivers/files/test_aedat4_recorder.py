@@ -55,16 +55,6 @@ def test_every_packet_is_in_the_file_when_write_returns(tmp_path: Path) -> None:
     assert Aedat4File.at(path).table_packets == 3
 
 
-def test_the_same_events_give_the_same_bytes(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        sink = Aedat4Recorder(tmp_path / name)
-        sink.open([STREAM])
-        for seq in range(20):
-            sink.write(packet(seq, 50 * seq))
-        sink.close()
-    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
-
-
 @pytest.mark.parametrize("compression", ["lz4", "zstd"])
 def test_a_compressed_file_always_gets_its_table(tmp_path: Path, compression: str) -> None:
     path = tmp_path / "a.aedat4"
@@ -123,26 +113,9 @@ def test_packing_is_told_from_writing(tmp_path: Path) -> None:
     assert laps == ["pack"]
 
 
-@pytest.mark.parametrize(
-    ("name", "streams", "says"),
-    [
-        ("a.aedat4", [], "exactly one camera, got 0"),
-        ("a.aedat4", [STREAM, StreamInfo(1, 1, camera="two")], r"got 2 \(eye, two\)"),
-        ("a.aedat4", [StreamInfo(0, 5)], "cannot record 0 x 5 px"),
-        ("a.aedat4", [StreamInfo(5, 40_000)], "each side must be 1 ... 32768"),
-        ("no/a.aedat4", [STREAM], "there is no folder"),
-        ("", [STREAM], "it is a folder"),
-        ("x" * 300, [STREAM], "File name too long"),
-    ],
-)
-def test_what_cannot_be_recorded_is_refused_in_one_line(
-    tmp_path: Path, name: str, streams: list[StreamInfo], says: str
-) -> None:
-    sink = Aedat4Recorder(tmp_path / name)
-    with pytest.raises(EvsError, match=says) as caught:
-        sink.open(streams)
-    assert "\n" not in str(caught.value)
-    assert sink.close()["events"] == 0
+def test_a_side_that_no_event_can_hold_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(EvsError, match=r"each side must be 1 \.\.\. 32768"):
+        Aedat4Recorder(tmp_path / "a.aedat4").open([StreamInfo(5, 40_000)])
     assert list(tmp_path.iterdir()) == []
 
 
@@ -181,6 +154,7 @@ sink.close()
 """
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("limit", [100_000, 100_001, 123_457])
 @pytest.mark.parametrize(
     ("name", "compression"), [("a.aedat4", "none"), ("a.aedat4", "lz4"), ("a.aedat4", "zstd")]

@@ -60,7 +60,12 @@ def ticks(draw: st.DrawFn, stream: StreamInfo) -> list[Events]:
 
 @pytest.mark.parametrize(
     ("name", "compression"),
-    [("a.aedat4", "none"), ("a.aedat4", "lz4"), ("a.aedat4", "zstd"), ("a.npz", "lz4")],
+    [
+        ("a.aedat4", "lz4"),
+        pytest.param("a.aedat4", "none", marks=pytest.mark.slow),
+        pytest.param("a.aedat4", "zstd", marks=pytest.mark.slow),
+        ("a.npz", "lz4"),
+    ],
 )
 @settings(max_examples=40, deadline=None)
 @given(data=st.data())

@@ -65,6 +65,7 @@ def test_triggers_come_back(tmp_path: Path, form: str) -> None:
         assert played == [TriggerPacket(seq, part) for seq, part in enumerate(parts)]
 
 
+@pytest.mark.integration
 def test_dv_processing_and_aedat_read_them(tmp_path: Path) -> None:
     # each kind, at the times where 24, 31 and 32 bits end
     marks = [(t, n % 10) for n, t in enumerate(sorted([0, 1, *WRAPS]))]
@@ -81,6 +82,7 @@ def test_dv_processing_and_aedat_read_them(tmp_path: Path) -> None:
             assert facts["triggers"] == [*map(list, marks), [2**33, 6]], reader
 
 
+@pytest.mark.integration
 def test_we_read_those_of_dv_processing(tmp_path: Path) -> None:
     subprocess.run([sys.executable, SCRIPT, "write", tmp_path], check=True, capture_output=True)
     paths = sorted(tmp_path.glob("*.aedat4"))

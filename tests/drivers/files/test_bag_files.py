@@ -241,6 +241,7 @@ def test_messages_that_are_damaged_are_told_and_the_others_read(name: str, tmp_p
     assert recording.stream.camera == "dvs"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["a.mcap", "a.bag"])
 def test_a_bag_that_was_cut_off_is_read_up_to_its_last_whole_chunk(
     name: str, tmp_path: Path

@@ -143,6 +143,7 @@ def test_messages_come_in_the_order_recorded(tmp_path: Path, form: str) -> None:
     assert len(messages) == len(full) + 6 + 59
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("bits", [8, 16])
 def test_dv_processing_and_aedat_read_frames_and_imu_bit_exactly(tmp_path: Path, bits: int) -> None:
     everything = made(bits, base_us=2**32 - 20_000)
@@ -180,6 +181,7 @@ def test_dv_processing_and_aedat_read_frames_and_imu_bit_exactly(tmp_path: Path,
             assert facts["digest"] == oracle.digest(whole)
 
 
+@pytest.mark.integration
 def test_we_read_frames_and_imu_of_dv_processing(tmp_path: Path) -> None:
     for facts in oracle("write", tmp_path):
         recording = files.read(facts["path"])
@@ -202,6 +204,7 @@ def test_we_read_frames_and_imu_of_dv_processing(tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("form", FORMS[:3])
 def test_a_torn_file_keeps_every_whole_frame_and_sample(tmp_path: Path, form: str) -> None:
     packets, frames, imus = made(16)

@@ -174,6 +174,7 @@ def test_damaged_chunks_are_left_out_and_the_rest_is_read(tmp_path: Path) -> Non
     assert recording.tobytes() == sound.tobytes()
 
 
+@pytest.mark.integration
 def test_what_cannot_be_a_recording_is_refused_in_a_line(tmp_path: Path) -> None:
     path = tmp_path / "a.hdf5"
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 import subprocess
 import sys
 import threading
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 
 from evs.drivers import files
+from evs.drivers.bus.address import free_address
 from evs.drivers.files.aedat4 import Aedat4Recorder
 from evs.drivers.files.npz import NpzRecorder
 from evs.launch.main import main
@@ -113,12 +113,7 @@ def test_info_of_nothing_is_one_line_and_exit_code_2(
             assert caught.err.count("\n") == 1
 
 
-def free_address() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp://127.0.0.1:{probe.getsockname()[1]}"
-
-
+@pytest.mark.integration
 def test_play_gives_a_subscriber_every_event(recording: Path) -> None:
     from evs.drivers.bus import subscribe
 

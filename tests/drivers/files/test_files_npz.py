@@ -97,33 +97,6 @@ def test_an_empty_recording_comes_back(tmp_path: Path) -> None:
     assert read(tmp_path / "a.npz").stream == STREAM
 
 
-def test_the_same_events_give_the_same_bytes(tmp_path: Path) -> None:
-    record(tmp_path / "a.npz", [0, 1])
-    record(tmp_path / "b.npz", [0, 1])
-    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
-
-
-@pytest.mark.parametrize(
-    ("name", "streams", "says"),
-    [
-        ("a.npz", [STREAM, STREAM], "exactly one camera, got 2"),
-        ("a.npz", [StreamInfo(346, 0)], "cannot record 346 x 0 px"),
-        ("no/a.npz", [STREAM], "there is no folder"),
-        ("", [STREAM], "it is a folder"),
-        ("x" * 300, [STREAM], "File name too long"),
-    ],
-)
-def test_what_cannot_be_recorded_is_refused_in_one_line(
-    tmp_path: Path, name: str, streams: list[StreamInfo], says: str
-) -> None:
-    sink = NpzRecorder(tmp_path / name)
-    with pytest.raises(EvsError, match=says) as caught:
-        sink.open(streams)
-    assert "\n" not in str(caught.value)
-    assert sink.close() == {}
-    assert list(tmp_path.iterdir()) == []
-
-
 FULL_DISK = """
 import resource, sys
 import numpy as np
@@ -149,6 +122,7 @@ print(written)
 """
 
 
+@pytest.mark.integration
 def test_a_full_disk_is_noticed_while_recording_and_loses_nothing(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     done = subprocess.run(
@@ -201,6 +175,7 @@ def test_stamps_out_of_order_are_sorted_and_told(tmp_path: Path) -> None:
     assert recording[["t", "x"]].tolist() == [(4, 1), (7, 3), (8, 4), (9, 2)]
 
 
+@pytest.mark.slow
 def test_a_long_recording_passes_through_little_memory(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     count, tick = 1_000_000, 10_000

@@ -14,13 +14,7 @@ from evs.drivers.files.recording_file import by_tick
 from evs.drivers.ros2.event_messages import EventMessageBuilder, check_start
 from evs.launch.main import main
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
-from evs.msgs.codecs import (
-    LAST_ROS_US,
-    PAYLOADS,
-    TIME_ORIGIN_US,
-    PayloadReader,
-    decode_evt3,
-)
+from evs.msgs.codecs import LAST_ROS_US, PAYLOADS, TIME_ORIGIN_US, PayloadReader, decode_evt3
 
 UNIX_US = 1_795_305_600_000_000
 

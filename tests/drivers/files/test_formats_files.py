@@ -254,14 +254,30 @@ def test_a_missing_extra_is_one_line(
         files.read(path)
 
 
-@pytest.mark.parametrize("kind", NAMES)
-def test_no_place_to_write_is_one_line(kind: str, tmp_path: Path) -> None:
-    name = NAMES[kind]
-    with pytest.raises(EvsError, match="mkdir -p"):
-        opened(tmp_path / "none" / name, kind, StreamInfo(64, 48))
-    (tmp_path / name).mkdir()
-    with pytest.raises(EvsError, match="it is a folder"):
-        opened(tmp_path / name, kind, StreamInfo(64, 48))
+@pytest.mark.parametrize("row", files.RECORDED, ids=lambda row: row.name)
+@pytest.mark.parametrize(
+    ("name", "streams", "says"),
+    [
+        ("a", [], "exactly one camera, got 0"),
+        ("a", [StreamInfo(8, 8, "eye"), StreamInfo(1, 1, "two")], r"got 2 \(eye, two\)"),
+        ("a", [StreamInfo(346, 0)], "cannot record 346 x 0 px"),
+        ("none/a", [StreamInfo(8, 8)], "there is no folder .*mkdir -p"),
+        ("folder", [StreamInfo(8, 8)], "it is a folder"),
+        ("x" * 300, [StreamInfo(8, 8)], "File name too long"),
+    ],
+    ids=("none", "two", "flat", "nowhere", "folder", "too long"),
+)
+def test_what_cannot_be_recorded_is_refused_in_one_line(
+    row: files.Format, name: str, streams: list[StreamInfo], says: str, tmp_path: Path
+) -> None:
+    (tmp_path / f"folder{row.suffixes[0]}").mkdir()
+    path = tmp_path / f"{name}{row.suffixes[0]}"
+    sink = files.recorder_for(path, kind=row.name)
+    with pytest.raises(EvsError, match=says) as caught:
+        sink.open(streams)
+    assert "\n" not in str(caught.value)
+    assert sink.close().get("events", 0) == 0
+    assert len(list(tmp_path.iterdir())) == 1
 
 
 @pytest.mark.parametrize("kind", NAMES)

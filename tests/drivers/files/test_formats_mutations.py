@@ -70,7 +70,7 @@ BY_HAND = {
 }
 """What others write."""
 NAMES = RECORDED | BY_HAND
-QUICK, LONG, VERY_LONG = 60, 300, 6_000
+QUICK, LONG, VERY_LONG = 20, 300, 6_000
 """Changed files of each kind."""
 ROOM = 48 << 20
 """Bytes that a reader may take, over twice the file and what its events themselves need: a piece
@@ -255,6 +255,7 @@ def test_a_changed_file_is_read_or_refused(
             raise AssertionError(f"seed {seed}") from error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [kind for kind in RECORDED if "aedat4" in kind])
 def test_every_single_changed_byte_is_survived(kind: str, originals: dict[str, bytes]) -> None:
     original = originals[kind]

@@ -76,6 +76,7 @@ def cases(kind: str) -> Iterator[tuple[str, Events]]:
             yield name, events
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FORMATS)
 def test_others_read_ours_bit_exactly_and_so_do_we(kind: str, tmp_path: Path) -> None:
     suffix, reader = FORMATS[kind]
@@ -115,6 +116,7 @@ def test_others_read_ours_bit_exactly_and_so_do_we(kind: str, tmp_path: Path) ->
             assert facts["seq"] == list(range(len(facts["seq"])))
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("kind", ["rosbag1", "rosbag2"])
 @pytest.mark.parametrize("encoding", ["evt3", "mono", "dvs"])
 def test_bags_of_any_encoding(kind: str, encoding: str, tmp_path: Path) -> None:
@@ -133,6 +135,7 @@ def test_bags_of_any_encoding(kind: str, encoding: str, tmp_path: Path) -> None:
         assert facts["frame_id"] == "track_optical_frame"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["evt2", "evt3", "dat", "rpg", "dsec"])
 def test_we_read_what_others_wrote(kind: str, tmp_path: Path) -> None:
     suffix = {"dat": ".dat", "rpg": ".hdf5", "dsec": ".h5"}.get(kind, ".raw")

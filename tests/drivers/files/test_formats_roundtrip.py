@@ -63,6 +63,7 @@ def test_events_come_back_as_they_were(kind: str, data: st.DataObject) -> None:
         assert found.backwards == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", APPENDED)
 @settings(max_examples=60, deadline=5000)
 @given(data=st.data())

@@ -22,6 +22,8 @@ from evs.drivers.files.hdf5 import apart, contents, reader
 from evs.launch.main import main
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
 
+pytestmark = pytest.mark.integration
+
 h5py = pytest.importorskip("h5py")
 
 CHUNK = 1 << 14

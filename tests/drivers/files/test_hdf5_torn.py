@@ -15,6 +15,8 @@ import pytest
 from evs.drivers import files
 from evs.msgs import EventPacket, StreamInfo, make_events
 
+pytestmark = pytest.mark.slow
+
 h5py = pytest.importorskip("h5py")
 
 SECTOR = 512

@@ -133,6 +133,7 @@ writer.write({{"x": np.full(3, 7), "y": np.full((2, 2), 7)}})
 """
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("writes", [0, 1])
 def test_a_killed_process_leaves_its_frames(tmp_path: Path, writes: int) -> None:
     path = tmp_path / "a.npz"

@@ -87,6 +87,7 @@ def test_aedat1_without_a_header_is_refused_with_the_fix(tmp_path: Path) -> None
     assert files.read(path).tobytes() == events.tobytes()
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("count", "span_us", "side"),
     [(4000, 300_000, 34), (100_000, 300_000, 180), (20_000, 20_000_000, 240)],
@@ -129,6 +130,7 @@ faery.events_stream_from_array(every, dimensions=(1280, 720)).to_file(sys.argv[2
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("span_us", [100_000, 3_000_000, 300_000_000])
 def test_faerys_event_stream_is_read(tmp_path: Path, span_us: int) -> None:
     events = random_events(120_000, span_us, 1280, 720)

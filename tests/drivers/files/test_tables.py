@@ -257,6 +257,7 @@ def test_whole_seconds_of_few_events_are_seconds(tmp_path: Path) -> None:
     assert files.read(path)["t"].tolist() == [3_000_000, 4_000_000]
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("count", [1500, 12])
 def test_seconds_that_would_last_for_years_are_refused(tmp_path: Path, count: int) -> None:
     path = tmp_path / "a.h5"

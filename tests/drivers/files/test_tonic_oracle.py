@@ -73,6 +73,7 @@ def test_tonic_reads_aedat2_bit_exactly(tmp_path: Path) -> None:
     assert {said["version"] for said in told} == {2.0}
 
 
+@pytest.mark.integration
 def test_tonic_reads_aedat3_bit_exactly(tmp_path: Path) -> None:
     wanted = []
     cases = {name: (random_events(*span), False) for name, span in SPANS.items()}

@@ -18,7 +18,10 @@ FAR = """<light name="far" pos="0 -1 9" dir="0 0 1" cutoff="5" diffuse="1e35 1e3
 TOO_BRIGHT = {"light.far.brightness": "choice(1, 1e9)", "body.arm.mass": "uniform(1, 2)"}
 """in half of the episodes, light that no renderer takes"""
 
-pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning"),
+    pytest.mark.slow,
+]
 
 
 def start(random: np.random.Generator, data: Any) -> None:

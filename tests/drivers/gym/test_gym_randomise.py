@@ -45,6 +45,7 @@ def same(one: list[Any], other: list[Any]) -> bool:
     return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
+@pytest.mark.integration
 def test_gymnasiums_checker_has_nothing_to_say() -> None:
     check_env(make(randomise=RANGES))
 
@@ -103,6 +104,7 @@ def test_vector_environments_draw_for_each() -> None:
     assert len(set(told[0].tolist())) == 3
 
 
+@pytest.mark.slow
 def test_in_processes_of_their_own_they_draw_the_same() -> None:
     def sensors(mode: str, **more: Any) -> list[Any]:
         env = gymnasium.make_vec(

@@ -65,6 +65,7 @@ def test_in_processes_of_their_own_they_say_the_same(together: list[Any], contex
     assert same(together, rollout(apart))
 
 
+@pytest.mark.integration
 def test_forked_processes_say_the_same(together: list[Any]) -> None:
     # what gymnasium does by itself on Linux, after this process has found light with threads
     warm = gymnasium.make("evs/CartPole-v0", **{**OPTIONS, "threads": 2})

@@ -71,7 +71,9 @@ def check_same_episodes(
 
 
 @pytest.mark.parametrize("mode", list(AutoresetMode))
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", [KINDS[0], *(pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS[1:])]
+)
 def test_every_observation_and_autoreset_is_that_of_single_ones(
     kind: str, mode: AutoresetMode
 ) -> None:
@@ -79,6 +81,7 @@ def test_every_observation_and_autoreset_is_that_of_single_ones(
     assert made.worlds.one_by_one == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [

@@ -98,6 +98,7 @@ def test_a_server_that_says_nothing_more() -> None:
         loop.close()
 
 
+@pytest.mark.slow
 def test_a_server_that_goes_is_noticed_before_the_time_is_up() -> None:
     with strange_server(lambda count, _: [joined()] if count == 1 else []) as address:
         loop = connect(address, timeout_s=60)
@@ -134,6 +135,7 @@ def test_a_server_that_ends_says_so_to_who_waits() -> None:
     loop.close()
 
 
+@pytest.mark.slow
 def test_a_request_that_was_lost_is_asked_again() -> None:
     heard: list[list[bytes]] = []
 

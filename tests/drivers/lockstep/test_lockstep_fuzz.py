@@ -100,6 +100,7 @@ def joined(raw: Any) -> bool:
     return bool(decode_header(raw.recv_multipart()[0])[1]["ok"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [LockstepServer, RealtimeServer])
 def test_ten_thousand_bad_requests_upset_nobody(kind: type[LockstepServer]) -> None:
     random = np.random.default_rng(7)
@@ -145,6 +146,7 @@ def test_ten_thousand_bad_requests_upset_nobody(kind: type[LockstepServer]) -> N
     assert done > CASES // 100
 
 
+@pytest.mark.slow
 @settings(max_examples=400, deadline=None)
 @given(
     st.dictionaries(st.sampled_from(KEYS), VALUES, max_size=8),

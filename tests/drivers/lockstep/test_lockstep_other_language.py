@@ -6,9 +6,12 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
+import pytest
 from lockstep_stand_in import StandIn, serving
 
 from reference.cpp_client import build
+
+pytestmark = pytest.mark.integration
 
 PAGE = Path(__file__).parents[3] / "docs/reference/lockstep.md"
 

@@ -243,6 +243,7 @@ def test_several_that_do_not_decide_are_named_together() -> None:
     assert server.report()["controllers_lost"] == 2
 
 
+@pytest.mark.slow
 def test_a_controller_whose_connection_closes_is_noticed_at_once() -> None:
     loop, warned = StandIn(), []
     with serving(loop, controllers=2, timeout_s=60, warn=warned.append) as server:

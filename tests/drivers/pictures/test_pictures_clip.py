@@ -222,6 +222,7 @@ def gif_times(path: Path) -> list[int]:
         return times
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fps", [25, 30])
 def test_gif_has_the_frames_and_seconds_of_its_speed(tmp_path: Path, fps: int) -> None:
     playback = Playback(0, 1_000_000, fps=fps, speed=0.25)
@@ -234,6 +235,7 @@ def test_gif_has_the_frames_and_seconds_of_its_speed(tmp_path: Path, fps: int) -
         assert image.info["loop"] == 0
 
 
+@pytest.mark.slow
 def test_gif_keeps_event_colours_exactly(tmp_path: Path) -> None:
     playback = Playback(0, 2_000_000)
     path = tmp_path / "events.gif"

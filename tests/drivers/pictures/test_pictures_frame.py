@@ -6,14 +6,7 @@ import pytest
 from evs.drivers.pictures import count_polarities, events_between, upscale
 from evs.drivers.pictures.frame import whole_factor
 from evs.msgs import EvsError, empty_events, make_events
-from evs.msgs.pictures import (
-    OFF_RGB,
-    ON_RGB,
-    SteadyExposure,
-    event_frame,
-    exposure_for,
-    to_srgb8,
-)
+from evs.msgs.pictures import OFF_RGB, ON_RGB, SteadyExposure, event_frame, exposure_for, to_srgb8
 
 
 def test_an_on_event_colours_exactly_its_pixel() -> None:

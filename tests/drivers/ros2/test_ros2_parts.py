@@ -233,6 +233,7 @@ def test_few_large_messages_are_too_many_as_well(monkeypatch: pytest.MonkeyPatch
     assert [len(data) for data in stuck.got] == [5, 300]
 
 
+@pytest.mark.slow
 def test_closing_waits_no_longer_than_told_and_counts_the_rest() -> None:
     stuck = Network(is_open=False)
     sender, (queue,) = started(stuck)

@@ -20,15 +20,7 @@ from evs.drivers.ros2 import Ros2Publisher
 from evs.drivers.ros2.names import GLOBAL, PRIVATE, Quality
 from evs.drivers.search_path import search_path
 from evs.drivers.sink import Stream
-from evs.msgs import (
-    EventPacket,
-    EvsError,
-    Frame,
-    ImuPacket,
-    Pose,
-    StreamInfo,
-    make_events,
-)
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pose, StreamInfo, make_events
 from evs.msgs.codecs import PAYLOADS, PayloadReader
 from evs.msgs.imu import empty_imu
 from reference.ros_readers import KINDS, Ears, domains, ns, writers

@@ -149,6 +149,7 @@ def test_instants(duration_s: float, fps: float | None, tick_us: int, expected: 
     assert list(rendering.instants(duration_s, fps, tick_us)) == expected
 
 
+@pytest.mark.slow
 def test_an_hour_at_any_rate_has_all_its_frames() -> None:
     for fps in (24.0, 29.97, 30.0, 60.0, 999.0):
         ticks = rendering.instants(3600.0, fps, 1000)

@@ -23,15 +23,9 @@ from evs.drivers.run.worker import WorkerSink
 from evs.drivers.sink import SinkStoppedError
 from evs.drivers.sink_config import SinkConfig
 from evs.emulator.base.protocols import NoMeter
-from reference.worker_packets import (
-    EVENTS,
-    INFO,
-    is_there,
-    packet,
-    soon,
-    worker_sink,
-    write_on,
-)
+from reference.worker_packets import EVENTS, INFO, is_there, packet, soon, worker_sink, write_on
+
+pytestmark = pytest.mark.integration
 
 
 @pytest.fixture

@@ -18,11 +18,7 @@ from evs.drivers.files import formats, read
 from evs.drivers.run.config import make_sink
 from evs.drivers.sink_config import SinkConfig
 from evs.emulator.base.scene import GroundTruth
-from evs.msgs import (
-    EvsError,
-    Pace,
-    Pose,
-)
+from evs.msgs import EvsError, Pace, Pose
 from reference.worker_packets import (
     EVENTS,
     HEIGHT,
@@ -35,6 +31,8 @@ from reference.worker_packets import (
     worker_sink,
     write_on,
 )
+
+pytestmark = pytest.mark.integration
 
 KINDS = {each.name: each for each in formats.RECORDED}
 

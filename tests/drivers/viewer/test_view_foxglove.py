@@ -236,6 +236,7 @@ def test_other_encodings_of_the_events(encoding: str, tmp_path: Path) -> None:
     same_events(events_of(packets, encoding), 30)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("worker", ["false", "true"])
 def test_a_run_records_for_foxglove(worker: str, tmp_path: Path) -> None:
     (tmp_path / "bar.xml").write_text(BAR)
@@ -262,6 +263,7 @@ def test_a_run_records_for_foxglove(worker: str, tmp_path: Path) -> None:
     assert program.main(words) == 2
 
 
+@pytest.mark.integration
 def test_a_worker_wants_the_first_light_before_any_packet(
     tmp_path: Path,
 ) -> None:
@@ -474,6 +476,7 @@ def test_a_file_loses_nothing(tmp_path: Path) -> None:
     same_events(events_of([one for _, one in read(tmp_path / "a.mcap")["/eye/events"]]), 100)
 
 
+@pytest.mark.slow
 def test_a_client_that_reads_nothing_does_not_hold_the_end() -> None:
     large = StreamInfo(640, 480, camera="eye")
     sink = FoxgloveSink(address="tcp://127.0.0.1:0", period_us=1000)
@@ -494,6 +497,7 @@ def test_a_client_that_reads_nothing_does_not_hold_the_end() -> None:
     deaf.link.socket.close()
 
 
+@pytest.mark.integration
 def test_a_full_disk_stops_the_file_and_what_came_before_is_read(tmp_path: Path) -> None:
     file = tmp_path / "a.mcap"
     said = fill("FoxgloveSink", "mcap", file)

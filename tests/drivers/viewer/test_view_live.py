@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import pty
 import re
-import socket
 import subprocess
 import sys
 import threading
@@ -15,6 +14,7 @@ import numpy as np
 import pytest
 
 from evs.drivers.bus import Publisher
+from evs.drivers.bus.address import free_address
 from evs.drivers.search_path import search_path
 from evs.launch import main as program
 from evs.msgs import EventPacket, StreamInfo, make_events
@@ -28,12 +28,6 @@ def packet(seq: int, camera: str = "eye") -> EventPacket:
     t = np.full(48, 1000 * seq + 500)
     events = make_events(t, np.full(48, seq % 64), y, np.ones(48))
     return EventPacket(seq, 1000 * seq, 1000 * seq + 1000, 64, 48, events, camera)
-
-
-def free_address() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp://127.0.0.1:{probe.getsockname()[1]}"
 
 
 def publishing(address: str, streams: list[StreamInfo], ticks: int) -> threading.Thread:
@@ -75,6 +69,7 @@ def test_sketches_one_below_the_other_where_no_terminal_is(
     assert all(line.strip("\u2800") for line in first)
 
 
+@pytest.mark.integration
 def test_a_terminal_is_drawn_over_and_left_as_it_was() -> None:
     address = free_address()
     thread = publishing(address, [STREAM, StreamInfo(64, 48, camera="ear")], 300)

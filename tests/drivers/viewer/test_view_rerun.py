@@ -106,9 +106,7 @@ def publish(publisher: Publisher, ticks: int) -> None:
 
 def watched(words: list[str], ticks: int = 100) -> int:
     """Run `evs view --live ...` on a publisher of ours; its exit code."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{probe.getsockname()[1]}"
+    address = free_address()
     publisher = Publisher(address, wait_for=1)
 
     def run() -> None:
@@ -125,6 +123,7 @@ def watched(words: list[str], ticks: int = 100) -> int:
         publishing.join()
 
 
+@pytest.mark.slow
 def test_a_run_leaves_a_file_that_rerun_verifies(tmp_path: Path) -> None:
     (tmp_path / "bar.xml").write_text(BAR)
     (tmp_path / "p.toml").write_text(
@@ -145,6 +144,7 @@ def test_a_run_leaves_a_file_that_rerun_verifies(tmp_path: Path) -> None:
     assert found["camera/pose Pinhole"] == 1
 
 
+@pytest.mark.integration
 def test_a_live_stream_leaves_a_file_that_rerun_verifies(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -185,6 +185,7 @@ def rgba(colour: tuple[int, int, int]) -> int:
     return red << 24 | green << 16 | blue << 8 | 255
 
 
+@pytest.mark.slow
 def test_a_cloud_has_the_events_in_x_y_and_time(tmp_path: Path) -> None:
     sink = ViewSink(tmp_path / "a.rrd", points=100_000)
     sink.open([STREAM])
@@ -242,6 +243,7 @@ def test_a_live_stream_leaves_a_cloud(tmp_path: Path) -> None:
 PAGE = re.compile(r"open (http://127\.0\.0\.1:(\d+)/\?url=(\S+))")
 
 
+@pytest.mark.slow
 def test_the_viewer_in_a_browser(tmp_path: Path) -> None:
     """Its page is served to this machine alone, and its data reach Rerun's own client."""
     address = free_address()
@@ -351,6 +353,7 @@ def test_a_running_viewer_gets_everything(tmp_path: Path) -> None:
     assert rows(tmp_path, saved, whole=False)["eye/events SegmentationImage"] == 5
 
 
+@pytest.mark.integration
 def test_rerun_sends_nothing_home(tmp_path: Path) -> None:
     sink = ViewSink(tmp_path / "a.rrd")
     sink.open([STREAM])
@@ -362,6 +365,7 @@ def test_rerun_sends_nothing_home(tmp_path: Path) -> None:
     assert [file.name for file in quiet.rglob("*") if file.is_file()] == ["analytics.json"]
 
 
+@pytest.mark.integration
 def test_the_sink_thins_out_and_takes_nothing_else(tmp_path: Path) -> None:
     sink = ViewSink(tmp_path / "a.rrd", period_us=5000)
     with pytest.raises(EvsError, match="not open"):
@@ -383,6 +387,7 @@ def test_the_sink_thins_out_and_takes_nothing_else(tmp_path: Path) -> None:
     assert rows(tmp_path, tmp_path / "a.rrd")["eye/luminance Image"] == 2
 
 
+@pytest.mark.slow
 def test_a_full_disk_stops_the_file_and_rerun_shows_what_came_before(tmp_path: Path) -> None:
     file = tmp_path / "a.rrd"
     said = fill("ViewSink", "file", file)

@@ -233,6 +233,7 @@ def test_a_page_gets_the_last_event_of_each_pixel(served: Served) -> None:
         assert header["latency_ms"] > 0
 
 
+@pytest.mark.slow
 def test_a_page_that_does_not_draw_waits_and_misses_no_pixel(served: Served) -> None:
     """Two pictures are under way at most; the pixels of all others come with the next one."""
     with served.connect() as idle, served.connect() as page:

@@ -35,7 +35,7 @@ def test_on_is_off_byte_for_byte(name: str, tmp_path: Path) -> None:
     assert [world.cameras[0].features[name] for world in (bare, idle)] == [False, True]
 
 
-@pytest.mark.parametrize("integrator", ["direct", "path"])
+@pytest.mark.parametrize("integrator", ["direct", pytest.param("path", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["plain", *NEEDS])
 def test_everything_is_as_the_scene_alone(name: str, integrator: str, tmp_path: Path) -> None:
     """Films that need one thing, with all the others on as well."""

@@ -180,6 +180,7 @@ QUICK = ("emulate",)
 """each takes a second or more, most of it for Python's start"""
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     "name",
     [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in COMMANDS],

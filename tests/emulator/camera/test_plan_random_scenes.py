@@ -48,6 +48,7 @@ def test_direct(antialiasing: str, rich: bool) -> None:
     assert check(range(count), 5, render, rich=rich) > 4 * count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rich", [False, True])
 def test_paths(rich: bool) -> None:
     assert check(range(24), 3, {"renderer": "path"}, rich=rich) > 3 * 24

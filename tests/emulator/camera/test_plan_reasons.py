@@ -52,6 +52,7 @@ def test_films(name: str, tmp_path: Path) -> None:
     check(camera.plan, camera.features, NEEDS[name].render.get("renderer", "direct"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("renderer", ["direct", "hybrid", "path"])
 @pytest.mark.parametrize("name", ROBOTS)
 def test_robots(name: str, renderer: str, robot_files: dict[str, Path]) -> None:

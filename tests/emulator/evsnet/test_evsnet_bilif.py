@@ -322,6 +322,7 @@ CURRENTS = st.one_of(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.property
 @settings(max_examples=150)
 @given(

@@ -88,6 +88,7 @@ def test_chunks_of_the_usual_lengths(name: str, chunk: int, runtime: str) -> Non
     assert by_chunks(one, light, 3, cuts, False) == (parts, state)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     name=st.sampled_from(sorted(NETWORKS)),

@@ -115,6 +115,7 @@ def test_events_and_states_are_those_of_the_cpu(
     assert here.clamped > 0
 
 
+@pytest.mark.slow
 def test_films_have_what_is_compared(device: Any) -> None:
     """Spikes in numbers, saturation, and clamps of each kind."""
     most, clamps = 0, np.zeros(3, np.int64)

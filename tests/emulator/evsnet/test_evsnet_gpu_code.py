@@ -19,7 +19,11 @@ FMA = "fma.rn.ftz.f32"
 
 
 @pytest.mark.parametrize(
-    ("architecture", "channels"), [(75, 8), (80, 8), (90, 8), (120, 8), (90, 1), (90, 4), (90, 5)]
+    ("architecture", "channels"),
+    [
+        *((90, channels) for channels in (1, 4, 5)),
+        *(pytest.param(name, 8, marks=pytest.mark.slow) for name in (75, 80, 90, 120)),
+    ],
 )
 def test_instructions_are_those_of_a_cpu(architecture: int, channels: int) -> None:
     """So few inputs are unrolled: encoder, the two convolutions of a block, and the last one."""

@@ -37,6 +37,7 @@ def film(seed: int, ticks: int, height: int, width: int, moving: float) -> F32:
     return out
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(
     seed=st.integers(0, 2**32 - 1),

@@ -16,6 +16,7 @@ from reference.networks import random_network
 HEIGHT, WIDTH = 10, 23
 """no multiple of 4 either way; 3 x 6 tiles"""
 PIXELS = HEIGHT * WIDTH
+SLOW = pytest.mark.slow
 SENSOR = SensorParameters("test", WIDTH, HEIGHT, 0.2, 0.25)
 NETWORKS = {
     "8": random_network(1),
@@ -36,7 +37,9 @@ def film(moving: int, ticks: int = 90, seed: int = 0) -> F32:
     return (0.3 * walk).astype(np.float32).reshape(ticks, HEIGHT, WIDTH)
 
 
-@pytest.mark.parametrize("moving", [0, 1, 2, 15, 16, 17, 48, PIXELS])
+@pytest.mark.parametrize(
+    "moving", [0, 1, 16, 17, *(pytest.param(n, marks=SLOW) for n in (2, 15, 48, PIXELS))]
+)
 @pytest.mark.parametrize("name", NETWORKS)
 def test_any_number_of_moving_pixels_is_as_dense(name: str, moving: int) -> None:
     light = film(moving)

@@ -17,7 +17,7 @@ from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
 from reference.networks import random_network
 
-pytestmark = pytest.mark.property
+pytestmark = [pytest.mark.property, pytest.mark.slow]
 
 SENSOR = SensorParameters("test", 3, 2, 0.2, 0.2)
 MODELS = {

@@ -38,6 +38,7 @@ def cameras(draw: st.DrawFn) -> CameraModel:
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=600, deadline=None)
 @given(cameras())
 def test_every_ray_leads_back_to_its_pixel_or_the_lens_is_refused(camera: CameraModel) -> None:

@@ -198,7 +198,9 @@ def test_outside_the_image_circle_it_is_dark_and_nothing_is_hit() -> None:
     assert (distance[outside] == 0).all()
 
 
-@pytest.mark.parametrize("antialiasing", ["fixed", "adaptive"])
+@pytest.mark.parametrize(
+    "antialiasing", ["fixed", pytest.param("adaptive", marks=pytest.mark.slow)]
+)
 @VIEW
 def test_no_packet_misses_what_its_rays_hit(view: CameraConfig, antialiasing: str) -> None:
     # a frame asks each packet's hull which geoms it can touch; single pixels ask their own rays

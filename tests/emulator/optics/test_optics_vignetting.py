@@ -126,6 +126,7 @@ def test_an_orthographic_camera_may_have_a_polynomial() -> None:
     assert lens.share.min() < 0.95
 
 
+@pytest.mark.slow
 def test_the_raster_renderer_is_shaded_too() -> None:
     model = mujoco.MjModel.from_xml_string(ROOM)
     lights = []

@@ -215,6 +215,7 @@ def moved(events: Events, truth: Events, ticks: int) -> float:
     return float((forwards + backwards) / (2 * ticks * WIDTH * HEIGHT))
 
 
+@pytest.mark.slow
 def test_events_are_those_of_16_samples_everywhere() -> None:
     scene, camera, frames = room(120)
     # light alone makes the events: pixels with a spread of thresholds and a floor, without noise

@@ -102,6 +102,7 @@ def test_an_edge_that_creeps_is_a_ramp(orthographic: bool, spp: int) -> None:
 
 @pytest.mark.parametrize("orthographic", [False, True], ids=["perspective", "orthographic"])
 # without rims, where two sides of a shape meet in a pixel
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [Shape.PLANE, Shape.SPHERE, Shape.CAPSULE])
 def test_one_sample_is_nearer_to_the_area_than_a_filter_of_texels(
     shape: Shape, orthographic: bool

@@ -45,7 +45,9 @@ def check(seed: int, ticks: int, render: dict[str, object], **stage: object) -> 
 
 
 @pytest.mark.parametrize("light", LIGHTS)
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize(
+    "seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 12))]
+)
 def test_random_scenes(seed: int, light: str) -> None:
     check(seed, 3, LIGHTS[light], many=150 + 60 * seed, lights=5 + 3 * (seed % 5))
 

@@ -33,7 +33,7 @@ def colours(model: mujoco.MjModel, rng: np.random.Generator) -> None:
         rows[row, :3] = rng.random(3)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("way", WAYS)
 def test_the_incremental_trace_is_the_full_one_under_a_hundred_edits(way: str, seed: int) -> None:
     rng = np.random.default_rng(seed)

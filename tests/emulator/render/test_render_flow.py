@@ -249,6 +249,7 @@ def test_nothing_moves_while_nothing_moves_and_time_has_to_pass() -> None:
         stage.truth(shots[1], replace(shots[1]))
 
 
+@pytest.mark.slow
 def test_a_skin_flows_with_its_bones(robot_files: dict[str, Path]) -> None:
     model = load_model(robot_files["dm_control/dog"])
     stage = Stage(model, CameraConfig(lookat=(0, 0, 0.5), distance=1.6, azimuth=90, elevation=-10))

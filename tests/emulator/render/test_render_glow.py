@@ -66,6 +66,7 @@ def surface_of(shape: str, size: F64, n: int = 120) -> tuple[F64, F64, F64]:
     return np.concatenate(points), np.concatenate(normals), np.concatenate(areas)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lamp", "lit"),
     [

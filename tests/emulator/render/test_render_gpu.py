@@ -63,7 +63,7 @@ def test_light_is_that_of_the_cpu(device: StandInGpu | None, seed: int, antialia
 
 
 @pytest.mark.parametrize("seeds", ["fixed", "fresh", "cycle"])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (0, 2))])
 def test_paths_are_those_of_the_cpu(
     device: StandInGpu | None, seed: int, seeds: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -79,6 +79,7 @@ def test_paths_are_those_of_the_cpu(
         assert there.render(frame, pose).tobytes() == expected.tobytes(), tick
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("antialiasing", ["fixed", "adaptive"])
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
 def test_soft_light_is_that_of_the_cpu(
@@ -107,6 +108,7 @@ def test_soft_light_is_that_of_the_cpu(
     assert there.render_again(frame, pose).tobytes() == expected.tobytes()
 
 
+@pytest.mark.slow
 def test_soft_light_at_rest_and_of_a_full_cache(
     device: StandInGpu | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -25,6 +25,7 @@ from reference.ball_room import ball_room
 from reference.random_scenes import RandomStage, check_film
 from reference.stage import Stage
 
+SLOW = pytest.mark.slow
 HYBRID = RenderConfig(renderer="hybrid", spp=2, antialiasing="fixed")
 RENEWAL, QUARTERS = 16, 4
 DROPPED = 2 * RENEWAL * QUARTERS
@@ -53,7 +54,7 @@ def film_of(stage: RandomStage, ticks: int, moves: float = 0.02) -> list:
 
 
 @pytest.mark.parametrize("antialiasing", ["fixed", "adaptive"])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", [4, *(pytest.param(k, marks=SLOW) for k in (0, 1, 2, 3, 5))])
 def test_threads_and_instruction_sets_change_no_byte(seed: int, antialiasing: str) -> None:
     film = film_of(RandomStage(seed, rich=True, size=(39, 27)), 5)
     lights = []
@@ -65,7 +66,7 @@ def test_threads_and_instruction_sets_change_no_byte(seed: int, antialiasing: st
 
 
 @pytest.mark.parametrize("antialiasing", ["fixed", "adaptive"])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=SLOW) for k in (2, 3))])
 def test_colour_leaves_the_luminance_as_it_is(seed: int, antialiasing: str) -> None:
     stage = RandomStage(seed, size=(39, 27))
     film = film_of(stage, 3)
@@ -90,6 +91,7 @@ def test_single_pixels_are_those_of_the_picture() -> None:
         np.testing.assert_array_equal(single.trace(*instant, pixels), expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("antialiasing", ["fixed", "adaptive"])
 def test_a_scene_at_rest_keeps_every_byte_and_then_traces_nothing(antialiasing: str) -> None:
     stage = RandomStage(4, rich=True, size=(39, 27))
@@ -195,6 +197,7 @@ def of_seed(seed: int) -> dict[str, object]:
     return {"renderer": "hybrid", "bounces": seed % 3, **edges}
 
 
+@pytest.mark.slow
 def test_a_film_of_random_scenes_is_the_same_however_it_is_made() -> None:
     small = {"size": (39, 27)}
     check_film(range(5, 17, 2), 6, of_seed, bulbs=True, **small)
@@ -229,7 +232,10 @@ LIT_ROOM = """<mujoco><asset>
 
 
 @pytest.mark.parametrize("floor", [2, 0])
-@pytest.mark.parametrize(("mode", "spp"), [("fixed", 1), ("fixed", 3), ("trackcom", 2)])
+@pytest.mark.parametrize(
+    ("mode", "spp"),
+    [("fixed", 1), *(pytest.param(*k, marks=SLOW) for k in (("fixed", 3), ("trackcom", 2)))],
+)
 def test_packets_before_a_still_camera_are_lit_again(mode: str, spp: int, floor: int) -> None:
     """Penumbrae, a mirror with sky, a horizon with haze, and a bulb that follows what falls.
 
@@ -268,6 +274,7 @@ def test_packets_before_a_still_camera_are_lit_again(mode: str, spp: int, floor:
     assert full.traced_fraction == 1  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow
 def test_a_restart_gives_the_bytes_of_a_fresh_start() -> None:
     stage = RandomStage(3, size=(23, 17))
     film = film_of(stage, 12, moves=0.05)
@@ -279,6 +286,7 @@ def test_a_restart_gives_the_bytes_of_a_fresh_start() -> None:
         np.testing.assert_array_equal(used.render(*instant), new.render(*instant))
 
 
+@pytest.mark.slow
 def test_a_saved_cache_goes_on_with_the_same_bytes() -> None:
     stage = RandomStage(3, size=(23, 17))
     film = film_of(stage, 90, moves=0.01)
@@ -292,6 +300,7 @@ def test_a_saved_cache_goes_on_with_the_same_bytes() -> None:
         np.testing.assert_array_equal(other.render(*instant), one.render(*instant))
 
 
+@pytest.mark.slow
 def test_edges_that_ask_for_nodes_in_a_sweep_leave_nothing_behind() -> None:
     """The camera jumps in the tick of a sweep; what a saved state does not hold must not matter."""
     stage = RandomStage(5, size=(23, 17), bulbs=True)

@@ -152,7 +152,13 @@ CHANGES = {
     # 0.1 m a tick
     "ball at 100 m/s": Change(line("ball", (-4, 0.2, 0.3), (4, 0.2, 0.3)), 80, GONE),
 }
-ALL = pytest.mark.parametrize("name", CHANGES)
+ALL = pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if change.ticks > 1 else ())
+        for name, change in CHANGES.items()
+    ],
+)
 
 
 @dataclass
@@ -321,6 +327,7 @@ def ahead(pose: CameraPose) -> CameraPose:
     return replace(pose, pos=pose.pos + np.array([0.0, 6.0, 0.0]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turned_round", [False, True])
 @pytest.mark.parametrize("away", [1, 40, CYCLE + 6, 2 * CYCLE + 1])
 def test_a_camera_that_jumps_there_and_back_sees_what_a_fresh_one_sees(
@@ -471,7 +478,14 @@ class Watched:
         return camera.luminance.copy()
 
 
-@pytest.mark.parametrize("name", [name for name in [*SMALL, *LARGE] if name not in IN_EVERY_TICK])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if k % 6 == 0 else pytest.mark.slow)
+        for k, name in enumerate([*SMALL, *LARGE])
+        if name not in IN_EVERY_TICK
+    ],
+)
 def test_an_edit_leaves_no_light_of_before(name: str) -> None:
     one = Watched()
     one.watch(3)
@@ -486,6 +500,7 @@ def test_an_edit_leaves_no_light_of_before(name: str) -> None:
     np.testing.assert_array_equal(light, one.fresh())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", IN_EVERY_TICK)
 def test_edited_places_are_forgotten(name: str) -> None:
     one = Watched()

@@ -57,6 +57,7 @@ print(peak_kib())
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("renderer", ["direct", "hybrid", "path"])
 def test_a_texel_takes_few_bytes(renderer: str) -> None:
     """At the peak: those of MuJoCo, of the scene, of level 0 and of the smaller levels."""

@@ -135,6 +135,7 @@ def test_colour_is_the_luminance_in_parts(room: Room, antialiasing: str) -> None
     assert renderer.rgb[..., 0].mean() > 1.1 * renderer.rgb[..., 2].mean()
 
 
+@pytest.mark.slow
 def test_a_mirror_looks_the_sky_up_as_wide_as_its_samples_are() -> None:
     """A floor that mirrors a fifth of a starry sky, as in dm_control: few of the samples see it."""
     model = mujoco.MjModel.from_xml_string("""<mujoco><visual><headlight active="0"/></visual>

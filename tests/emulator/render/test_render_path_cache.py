@@ -106,6 +106,7 @@ def test_blocks_of_samples_are_kept_as_a_whole() -> None:
     assert 0.0 < np.mean(found) < 0.8
 
 
+@pytest.mark.slow
 def test_of_lamps_that_move_their_own_light_alone_is_traced() -> None:
     found = shares(range(7), 26, lamps=True, size=SIZE)
     assert 0.0 < np.mean(found) < 0.8, np.mean(found)
@@ -138,6 +139,7 @@ def test_point_sets_of_a_cycle_under_lamps_that_change(more: dict[str, Any]) -> 
     shares(range(40, 44), 24, point_sets="cycle", rich=True, size=SIZE, **more)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("point_sets", ["fixed", "cycle"])
 def test_more_samples_at_edges_are_those_of_the_full_trace(point_sets: str) -> None:
     more = {"antialiasing": "adaptive", "point_sets": point_sets, "size": SIZE}

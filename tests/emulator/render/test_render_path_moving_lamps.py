@@ -178,6 +178,7 @@ MANY: list[dict[str, Any]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("script", SCRIPTS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_light_is_that_of_full_frames(kind: str, script: Script) -> None:
@@ -212,6 +213,7 @@ def leaving(film: Film, tick: int) -> None:
         film.lamp(BULB, 40.0 if tick == 5 else -40.0, 0.0, 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_where_no_lamp_shines_that_moves_the_light_is_that_of_full_frames(kind: str) -> None:
     Film(KINDS[kind], two_spots).check(leaving)

@@ -16,7 +16,16 @@ def paths(seed: int) -> dict[str, object]:
     return {"renderer": "path", "bounces": seed % 6, "sampler": sampler, "seeds": seeds}
 
 
-@pytest.mark.parametrize(("decades", "zoom"), [(1.0, 1.0), (6.0, 1.0), (1.0, 300.0), (1.0, 0.01)])
+@pytest.mark.parametrize(
+    ("decades", "zoom"),
+    [
+        (1.0, 1.0),
+        *(
+            pytest.param(*way, marks=pytest.mark.slow)
+            for way in ((6.0, 1.0), (1.0, 300.0), (1.0, 0.01))
+        ),
+    ],
+)
 def test_paths_are_the_same_however_they_were_traced(decades: float, zoom: float) -> None:
     check_film(range(24), 3, paths, decades=decades, zoom=zoom)
 

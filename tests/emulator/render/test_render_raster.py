@@ -87,6 +87,7 @@ def said(libraries: str, **variables: str) -> str:
     return result.stdout
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("libraries", ["EGL", "libGL.,libGLES"])
 def test_without_opengl_one_line_says_how_to_install_it(libraries: str) -> None:
     line = said(libraries)

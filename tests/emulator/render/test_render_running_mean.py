@@ -87,6 +87,7 @@ def test_what_is_no_light_leaves_the_last_and_is_counted() -> None:
     assert not np.any(state.drift)
 
 
+@pytest.mark.slow
 def test_no_denormal_and_no_overflow_is_left() -> None:
     """Whatever the light, and long after it: all state is 0 or a normal number."""
     rng = np.random.default_rng(5)

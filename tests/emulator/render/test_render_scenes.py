@@ -16,16 +16,20 @@ pytestmark = pytest.mark.property
 
 
 # a mirror that an orthographic camera sees was once forgotten in one scene of a hundred
-@pytest.mark.parametrize("first", [160, 330, 1050, 1600, 1770])
+@pytest.mark.parametrize(
+    "first", [160, 330, *(pytest.param(k, marks=pytest.mark.slow) for k in (1050, 1600, 1770))]
+)
 def test_the_light_is_the_same_however_it_was_computed(first: int) -> None:
     check_film(range(first, first + 20), 12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("decades", [1.0, 6.0])
 def test_the_light_of_physical_materials_in_fog_is_the_same(decades: float) -> None:
     check_film(range(40), 8, decades=decades, rich=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("zoom", [0.01, 300.0])
 def test_the_light_is_the_same_from_near_and_far(zoom: float) -> None:
     check_film(range(30), 8, zoom=zoom)

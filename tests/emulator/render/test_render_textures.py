@@ -9,14 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evs.emulator.base.scene import (
-    CameraPose,
-    Mesh,
-    Shape,
-    Surface,
-    Texture,
-    TextureKind,
-)
+from evs.emulator.base.scene import CameraPose, Mesh, Shape, Surface, Texture, TextureKind
 from evs.emulator.config import RenderConfig
 from evs.emulator.render import NativeRenderer
 from reference.scenes import SAMPLED_OUTLINES, camera_of, scene_of, shot_of
@@ -220,6 +213,7 @@ def first_crossed(
     return index, nearest, weights, rim
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("faces", [1, 3, 30, 300])
 @pytest.mark.parametrize("uniform", [False, True])
 def test_a_mesh_is_hit_and_textured_as_brute_force_says(faces: int, uniform: bool) -> None:

@@ -109,6 +109,7 @@ def run(
     return b"".join(parts), state
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(
     sensor=SENSORS,

@@ -9,12 +9,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.config import ReadoutConfig, SensorConfig
-from evs.emulator.sensor import (
-    Readout,
-    ReadoutState,
-    SensorParameters,
-    resolve_sensor,
-)
+from evs.emulator.sensor import Readout, ReadoutState, SensorParameters, resolve_sensor
 from evs.msgs import clean_events, empty_events, make_events
 from reference.readout import sensor_of
 

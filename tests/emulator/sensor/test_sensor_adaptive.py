@@ -43,6 +43,7 @@ def noisy(ticks: int, seed: int, spoilt: float, noise: float) -> list[F32]:
     return frames
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     constants=CONSTANTS,

@@ -88,10 +88,9 @@ def before_change(
     return models, states
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
-@pytest.mark.parametrize(
-    "sensor", [NOISY, pytest.param(SILICON, marks=pytest.mark.slow)], ids=["linear", "silicon"]
-)
+@pytest.mark.parametrize("sensor", [NOISY, SILICON], ids=["linear", "silicon"])
 @pytest.mark.parametrize("average", [None, RunningMeanConstants()], ids=["plain", "adaptive"])
 def test_native_is_the_oracle_over_a_change(
     change: dict[str, Any], sensor: SensorParameters, average: RunningMeanConstants | None

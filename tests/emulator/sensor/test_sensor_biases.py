@@ -131,6 +131,7 @@ def law_of(name: str) -> str:
     return next(law for law in LAWS if LAWS[law] is nominal(name).law)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WITH_BIASES)
 def test_a_bias_moves_its_parameter_one_way_over_its_whole_range(name: str) -> None:
     biases, before = nominal(name), every(name)

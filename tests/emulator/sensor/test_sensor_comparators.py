@@ -115,6 +115,7 @@ def test_nobody_fires_while_blind_and_noise_may_come_in_the_us_it_ends(refractor
     assert np.count_nonzero(causes[1:][ended] == Cause.SHOT) > 10
 
 
+@pytest.mark.slow
 def test_a_level_comes_before_noise_of_the_same_us() -> None:
     """Unless blind, a pixel may have both; the noise then has the last word on its reference."""
     events, causes = run(crowd(shot_noise_rate_hz=1e5, leak_rate_hz=1e4), 400)

@@ -15,7 +15,7 @@ DAVIS = {"EVS_RUNNING_MEAN": 0, "EVS_PHOTON_NOISE": 0, "EVS_SHOT_NOISE": 1, "EVS
     ("architecture", "terms"),
     [
         (75, {**DAVIS, "EVS_FILTER": 2}),
-        (80, {**DAVIS, "EVS_FILTER": 0, "EVS_MANY": 1}),
+        pytest.param(80, {**DAVIS, "EVS_FILTER": 0, "EVS_MANY": 1}, marks=pytest.mark.slow),
         pytest.param(
             120,
             {**DAVIS, "EVS_LOG": 1, "EVS_FILTER": 1, "EVS_RUNNING_MEAN": 1},

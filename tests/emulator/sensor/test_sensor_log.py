@@ -29,6 +29,7 @@ def test_ln_of_one_is_exactly_zero() -> None:
     assert _core.natural_log(np.ones(1, F)).tobytes() == np.zeros(1, F).tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bits", [ALL_MAGNITUDES, AROUND_ONE], ids=["all", "one"])
 def test_ln_is_within_one_ulp(bits: tuple[int, int, int]) -> None:
     values = from_bits(*bits)

@@ -52,7 +52,9 @@ def films(ticks: int) -> Iterator[tuple[str, list[F32]]]:
     yield "wild", [random.choice(light, size=(HEIGHT, WIDTH)) for _ in range(ticks // 4)]
 
 
-@pytest.mark.parametrize("tick_us", [50, 1000, pytest.param(20_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "tick_us", [50, *(pytest.param(k, marks=pytest.mark.slow) for k in (1000, 20_000))]
+)
 @pytest.mark.parametrize("terms", TERMS.values(), ids=TERMS)
 def test_native_is_the_oracle(terms: dict[str, Any], tick_us: int) -> None:
     sensor, events = replace(SENSOR, **terms), 0
@@ -61,6 +63,7 @@ def test_native_is_the_oracle(terms: dict[str, Any], tick_us: int) -> None:
     assert events > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["as it is", "high pass"])
 def test_native_is_the_oracle_in_long_ticks(name: str) -> None:
     sensor = replace(SENSOR, **{"photocurrent_pa": 3.0, "leak_rate_hz": 20.0, **TERMS[name]})
@@ -68,6 +71,7 @@ def test_native_is_the_oracle_in_long_ticks(name: str) -> None:
     assert same_as_oracle(sensor, moving, 100_000, "moving") > 100
 
 
+@pytest.mark.slow
 def test_native_is_the_oracle_behind_a_running_mean() -> None:
     for film, frames in films(40):
         same_as_oracle(SENSOR, frames, 1000, film, RunningMeanConstants())

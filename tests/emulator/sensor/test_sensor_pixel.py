@@ -110,6 +110,7 @@ def stretches(sensor: SensorParameters, seed: int) -> list[F32]:
     return frames
 
 
+@pytest.mark.slow
 @settings(max_examples=50, deadline=None)
 @given(
     sensor=WHOLE_PIXELS,

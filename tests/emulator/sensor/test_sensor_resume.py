@@ -76,6 +76,7 @@ def advance(
     return b"".join(parts), state, t_us
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(
     sensor=SENSORS,

@@ -69,6 +69,7 @@ def test_every_parameter_is_of_a_term_or_of_none() -> None:
     assert {field.name for field in fields(SensorParameters)} == of_terms | of_none
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(names=st.sets(st.sampled_from(list(TERMS))), seed=st.integers(0, 2**64 - 1))
 def test_the_fixed_pattern_of_a_term_does_not_depend_on_the_others(

@@ -204,7 +204,7 @@ FAILURES: dict[str, Callable[[Worlds], None]] = {
 }
 
 
-@pytest.mark.parametrize("control", ["random", "function"])
+@pytest.mark.parametrize("control", ["random", pytest.param("function", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("own", [False, True], ids=["shared", "values"])
 @pytest.mark.parametrize("name", FAILURES)
 def test_all_worlds_go_on_after_a_failed_reset(

@@ -9,13 +9,7 @@ import numpy as np
 import pytest
 
 from evs.emulator import EventCamera, World
-from evs.emulator.config import (
-    CameraConfig,
-    ModelConfig,
-    RenderConfig,
-    SceneConfig,
-    SensorConfig,
-)
+from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.msgs import EvsError
 
 SCENE = """

@@ -80,6 +80,7 @@ def armed(integrator: str = "Euler") -> World:
     return world
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
 def test_the_imu_feels_what_mujocos_own_sensors_feel(integrator: str) -> None:
     world = armed(integrator)

@@ -218,6 +218,7 @@ def test_a_recorder_takes_its_packets(tmp_path: Any, kind: str) -> None:
     assert (back.stream.width, back.stream.height) == SMALL
 
 
+@pytest.mark.slow
 def test_a_publisher_takes_its_packets() -> None:
     light, address = film(6), free_address()
     pixels = evs.Pixels("davis346", SMALL, name="left")

@@ -20,27 +20,13 @@ from evs.emulator.config import (
 from evs.emulator.config.schema import DelayConfig
 from evs.emulator.state import pack, unpack
 from evs.msgs import EvsError
+from reference.worlds_alone import SWING
 
 pytestmark = pytest.mark.property
 
-SCENE = """
-<mujoco>
-  <option timestep=".001"/>
-  <worldbody>
-    <light pos="0 -1 3"/>
-    <geom type="plane" size="3 3 1" rgba=".3 .3 .3 1"/>
-    <camera name="left" pos="0 -2 .6" xyaxes="1 0 0 0 .2 1"/>
-    <camera name="right" pos="2 0 .6" xyaxes="0 1 0 -.2 0 1"/>
-    <body pos="0 0 .8"><joint axis="0 1 0"/>
-      <geom type="capsule" fromto="0 0 0 .6 0 0" size=".05" rgba=".9 .9 .9 1"/></body>
-  </worldbody>
-  <actuator><motor joint="0" gear="2"/></actuator>
-</mujoco>
-""".replace('<joint axis', '<joint name="0" axis')  # fmt: skip
-
 
 def make():
-    model = mujoco.MjModel.from_xml_string(SCENE)
+    model = mujoco.MjModel.from_xml_string(SWING)
     sensor = SensorConfig(
         "davis346", width=12, height=9, latency_us=1500.0, shot_noise_rate_hz=100.0,
         aps=ApsConfig(enabled=True, rate_hz=150.0, exposure_us=4000), imu=ImuConfig(enabled=True),
@@ -130,6 +116,7 @@ def test_values_that_lie_under_a_right_checksum_do_no_harm(loop, blob, data):
     step_if_restored(loop, pack(about, {**arrays, name: array}))
 
 
+@pytest.mark.slow
 @given(data=st.data())
 @settings(max_examples=150)
 def test_shapes_that_lie_under_a_right_checksum_do_no_harm(loop, blob, data):

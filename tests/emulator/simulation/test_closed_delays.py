@@ -126,6 +126,7 @@ def test_of_controls_that_come_together_the_last_decision_acts(slider):
     assert loop.world.data.ctrl[0] == 2.0
 
 
+@pytest.mark.slow
 def test_what_is_lost_is_counted_and_leaves_a_gap(slider):
     noisy = SensorConfig("dvs128", width=32, height=32, shot_noise_rate_hz=500.0)
     loop = ClosedLoop(slider, sensor=noisy, delays=DelayConfig(drop_share=0.25))

@@ -6,6 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+pytestmark = pytest.mark.integration
+
 
 def test_the_tutorials_example_works_as_written():
     root = Path(__file__).parents[3]

@@ -244,6 +244,7 @@ def digest_of(seen: list[Observation]) -> str:
     return digest.hexdigest()
 
 
+@pytest.mark.integration
 def test_it_goes_on_in_another_process(tmp_path):
     loop = standard()
     loop.reset(seed=11, state=True)

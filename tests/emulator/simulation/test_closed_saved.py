@@ -15,23 +15,8 @@ from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.config.schema import DelayConfig
 from evs.emulator.state import pack, unpack
 from evs.msgs import EvsError
+from reference.worlds_alone import SWING
 
-SWING = """
-<mujoco>
-  <option timestep=".001"/>
-  <worldbody>
-    <light pos="0 -1 3"/>
-    <geom type="plane" size="3 3 1" rgba=".3 .3 .3 1"/>
-    <camera name="left" pos="0 -2 .6" xyaxes="1 0 0 0 .2 1"/>
-    <camera name="right" pos="2 0 .6" xyaxes="0 1 0 -.2 0 1"/>
-    <body pos="0 0 .8"><joint name="swing" axis="0 1 0"/>
-      <geom type="capsule" fromto="0 0 0 .6 0 0" size=".05" rgba=".9 .9 .9 1"/></body>
-  </worldbody>
-  <actuator><motor joint="swing" gear="2"/></actuator>
-  <sensor><jointpos name="angle" joint="swing"/></sensor>
-  <keyframe><key name="up" qpos="-1"/></keyframe>
-</mujoco>
-"""
 SMALL = SensorConfig(preset="dvs128", width=32, height=24)
 
 
@@ -197,7 +182,7 @@ def test_seed_threads_and_instruction_set_may_differ():
 
 
 def test_a_state_from_before_the_first_tick_and_of_a_world_without_controls():
-    still = SWING.replace('<motor joint="swing" gear="2"/>', "")
+    still = SWING.replace('<motor joint="swing" gear="2" ctrlrange="-1 1"/>', "")
     one, other = a_world(still), a_world(still)
     other.step()
     other.restore(one.save())

@@ -18,15 +18,7 @@ from evs.emulator.simulation.scene_ranges import SceneRanges
 from evs.emulator.world import NamedSensors, load_model
 from evs.msgs import EvsError
 from reference.edited import STAGE
-from reference.worlds_alone import (
-    SWING,
-    Alone,
-    assert_same_states,
-    both,
-    by_world,
-    raw,
-    step_both,
-)
+from reference.worlds_alone import SWING, Alone, assert_same_states, both, by_world, raw, step_both
 
 SCENES = Path(__file__).parents[3] / "config/scenes"
 CART = SCENES / "cartpole.xml"
@@ -398,6 +390,7 @@ WAYS: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_worlds_with_meshes_and_textures_have_the_bytes_of_single_worlds(way: str) -> None:
     # a tendon cannot be stepped in a batch

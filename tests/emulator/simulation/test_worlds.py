@@ -11,13 +11,7 @@ import pytest
 
 import evs
 from evs.emulator import World, Worlds
-from evs.emulator.config import (
-    CameraConfig,
-    ModelConfig,
-    RenderConfig,
-    SceneConfig,
-    SensorConfig,
-)
+from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.msgs import EVENT_DTYPE, EvsError
 from reference.worlds_alone import (
     SWING,
@@ -345,7 +339,11 @@ EDITS = (
 
 
 @pytest.mark.parametrize("edit", EDITS, ids=lambda edit: edit.__name__)
-@pytest.mark.parametrize("sensors", [None, ("rate",)], ids=["unmeasured", "measured"])
+@pytest.mark.parametrize(
+    "sensors",
+    [None, pytest.param(("rate",), marks=pytest.mark.slow)],
+    ids=["unmeasured", "measured"],
+)
 def test_an_edit_of_the_model_shows_in_every_world(
     edit: Edit, sensors: tuple[str, ...] | None
 ) -> None:

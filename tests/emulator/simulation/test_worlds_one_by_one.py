@@ -93,7 +93,7 @@ def spin(number: int, world: Any) -> None:
 
 
 @pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize("threads", [1, 2, 5])
+@pytest.mark.parametrize("threads", [2, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 5))])
 def test_one_by_one_gives_the_same_bytes_and_the_reason(name: str, threads: int) -> None:
     scene, options, camera, reason = CASES[name]
     cameras = [{"camera": "left", "sensor": SMALL, **camera}]

@@ -168,6 +168,12 @@ def test_a_state_of_something_else_is_refused(name: str, saved: bytes) -> None:
     refused(make(), saved, says)
 
 
+@pytest.mark.parametrize(
+    "name",
+    ["sensor", "pixels", *(pytest.param(n, marks=pytest.mark.slow) for n in ("world", "loop"))],
+    indirect=True,
+    scope="module",
+)
 def test_damage_that_a_checksum_hides_changes_nothing(name: str, saved: bytes) -> None:
     """Every array in turn is left out, is of another kind or another shape."""
     one = KINDS[name].make()

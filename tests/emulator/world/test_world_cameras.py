@@ -103,6 +103,7 @@ def test_every_camera_of_the_model_sees_what_mujoco_sees(model, data):
     assert bind_camera(model, "flat", WIDTH, HEIGHT).model.orthographic
 
 
+@pytest.mark.slow
 def test_every_camera_of_every_shipped_robot(robot_files):
     for path in robot_files.values():
         model = load_model(path)
@@ -267,6 +268,7 @@ def test_a_free_camera_that_is_given_stays_where_it_is():
     np.testing.assert_allclose(pose.pos, (1.0, 0.0, 3.0), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_free_camera_of_every_shipped_robot_shows_it(robot_files):
     for name, path in robot_files.items():
         model = load_model(path)

@@ -99,6 +99,7 @@ def compare(model) -> SceneModel:
     return scene
 
 
+@pytest.mark.slow
 def test_every_shipped_robot_is_seen_as_mujoco_shows_it(robot_files):
     for name, path in robot_files.items():
         scene = compare(load_model(path))

@@ -102,6 +102,7 @@ def test_the_warning_names_the_users_own_line() -> None:
     assert world.left_out == (LIGHTS['<light type="image"/>'],)
 
 
+@pytest.mark.integration
 def test_a_command_says_it_in_one_line_and_the_report_keeps_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -170,6 +170,7 @@ def check_marks(model, data, scene: SceneModel, snapshot: SceneSnapshot) -> None
             np.testing.assert_allclose(mat, theirs.mat, atol=1e-6 / theirs.size[2])
 
 
+@pytest.mark.slow
 def test_sites_and_tendons_are_mujocos_at_every_instant(marks) -> None:
     data, scene = mujoco.MjData(marks), extract_scene(marks)
     poser, wrapped = SnapshotTaker(marks), set()
@@ -184,6 +185,7 @@ def test_sites_and_tendons_are_mujocos_at_every_instant(marks) -> None:
     assert len(wrapped) > 1
 
 
+@pytest.mark.slow
 def test_of_every_shipped_robot_too(robot_files) -> None:
     counts = np.zeros(2, int)
     for path in robot_files.values():

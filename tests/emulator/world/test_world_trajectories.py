@@ -136,7 +136,8 @@ def test_a_camera_sees_from_there(scene: str, tmp_path: Path) -> None:
         "body": evs.CameraConfig(trajectory=file, body="cart"),
     }
     world = evs.World(scene)
-    made = {key: world.add_camera(config) for key, config in cameras.items()}
+    small = evs.SensorConfig(width=16, height=12)
+    made = {key: world.add_camera(config, sensor=small) for key, config in cameras.items()}
     world.data.qpos[0] = 0.5
     for _ in range(100):
         world.step()
@@ -159,6 +160,7 @@ def test_a_camera_sees_from_there(scene: str, tmp_path: Path) -> None:
             evs.World(scene).add_camera(evs.CameraConfig(**bad))
 
 
+@pytest.mark.slow
 def test_recorded_poses_give_the_same_events_again(scene: str, tmp_path: Path) -> None:
     """What evs records of one run moves the camera of the next."""
     first = evs.World(scene)

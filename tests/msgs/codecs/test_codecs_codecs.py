@@ -108,7 +108,8 @@ def test_columns_are_those_that_another_decoder_was_shown() -> None:
 def test_we_read_them_too(encoding: str, start: str) -> None:
     for size in SIZES:
         reader, writer = PayloadReader(encoding), PayloadWriter(encoding)
-        for part in packets(STARTS[start], size):
+        # of packets of one event every sixth will do
+        for part in packets(STARTS[start], size)[:: 6 if size == 1 else 1]:
             base, data = writer.payload(part)
             assert reader.events(data, base).tobytes() == part.tobytes()
 

@@ -19,6 +19,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
+from speed.jobs import processes_of
+
 STORE_BYTES = 80_000_000
 """the size of each node's object store; Ray accepts no less than 75 MB"""
 
@@ -121,15 +123,7 @@ class Nodes:
 
     def processes(self, place: int) -> list[int]:
         """Return the processes of one node: the session of its `ray start`."""
-        found = []
-        for path in Path("/proc").glob("[0-9]*/stat"):
-            try:
-                fields = path.read_text().rpartition(")")[2].split()
-            except OSError:
-                continue
-            if int(fields[3]) == self.groups[place] and fields[0] != "Z":
-                found.append(int(path.parent.name))
-        return found
+        return processes_of(self.groups[place])
 
     def end(self) -> None:
         """Kill all nodes, and wait until they are gone."""

@@ -15,15 +15,7 @@ from evs.drivers.run.worker import WorkerSink
 from evs.drivers.sink import Sink
 from evs.drivers.sink_config import SinkConfig
 from evs.emulator.base.protocols import NoMeter
-from evs.msgs import (
-    LABEL_DTYPE,
-    EventPacket,
-    Frame,
-    ImuPacket,
-    StreamInfo,
-    empty_imu,
-    make_events,
-)
+from evs.msgs import LABEL_DTYPE, EventPacket, Frame, ImuPacket, StreamInfo, empty_imu, make_events
 
 WIDTH, HEIGHT = 40, 30
 INFO = StreamInfo(WIDTH, HEIGHT, "eye", config={"scene": {"file": "a.xml"}, "spans": [1.5, None]})

@@ -24,6 +24,8 @@ from evs.tools.dataset.make import make_dataset
 from evs.tools.dataset.manifest import MANIFEST, listed
 from reference.mjcf import BALL
 
+pytestmark = pytest.mark.slow
+
 TINY = ("--duration", "0.07", "sensor.width=43", "sensor.height=33", "--quiet")
 """besides --short: a shard of 50 ms and one of 20 ms"""
 
@@ -160,7 +162,6 @@ def test_what_is_removed_of_a_set_that_was_whole_is_made_anew(ball: str, tmp_pat
     assert (folder / MANIFEST).read_bytes() == manifest
 
 
-@pytest.mark.slow
 def test_two_workers_make_the_same_bytes(whole: Path, tmp_path: Path) -> None:
     words = ["dataset", str(tmp_path / "two"), "--short", "--scenes", "street,workshop", *TINY]
     assert main([*words, "--workers", "2"]) == 0
@@ -168,7 +169,6 @@ def test_two_workers_make_the_same_bytes(whole: Path, tmp_path: Path) -> None:
     assert (tmp_path / "two" / MANIFEST).read_bytes() == (whole / MANIFEST).read_bytes()
 
 
-@pytest.mark.slow
 def test_a_killed_command_goes_on_to_the_same_bytes(whole: Path, tmp_path: Path) -> None:
     """SIGKILL as soon as the first shard is there, once more a shard later, then to the end."""
     folder = tmp_path / "killed"

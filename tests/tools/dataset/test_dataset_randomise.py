@@ -52,6 +52,7 @@ def made(ball: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_every_sequence_has_a_sensor_of_its_own(made: Path) -> None:
     found = Dataset(made)
     assert found.names == ("ball-0000", "ball-0001", "ball-0002")
@@ -183,6 +184,7 @@ SCENE = {
 }
 
 
+@pytest.mark.slow
 def test_scenes_are_drawn_recorded_and_shown(
     ball: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -36,6 +36,7 @@ def test_there_are_six_of_ninety_seconds_three_of_them_indoors() -> None:
     assert named("park", [("render.renderer", "direct")]).frames.spp == 64
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SIX)
 def test_a_scene_moves_and_is_as_bright_as_it_says(name: str) -> None:
     """The camera and at least three bodies move; its middle grey is what an exposure gives."""
@@ -63,6 +64,7 @@ def test_a_scene_moves_and_is_as_bright_as_it_says(name: str) -> None:
     assert np.isfinite(truth.distance).all() == (scene.place == "indoor" or name == "tunnel")
 
 
+@pytest.mark.slow
 def test_the_tunnel_ends_in_daylight() -> None:
     """Which dazzles: ten times as bright as the tunnel for the same exposure, with a sky."""
     sequence = make_sequence_spec("tunnel", named("tunnel", SMALL))
@@ -73,6 +75,7 @@ def test_the_tunnel_ends_in_daylight() -> None:
         assert not np.isfinite(view.ground_truth().distance).all()
 
 
+@pytest.mark.slow
 def test_light_as_such_is_of_another_order_by_night() -> None:
     """Before exposure: the night's median is far below any day's, as lux are."""
 

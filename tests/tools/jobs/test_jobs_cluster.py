@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import pickle
 import re
@@ -134,22 +133,14 @@ def said(program: subprocess.Popen[str]) -> list[str]:
     return out.splitlines()
 
 
-def digests(folder: Path) -> dict[str, str]:
-    return {
-        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file()
-    }
-
-
 def test_a_cluster_brings_the_bytes_that_one_process_makes(cluster: Nodes, tmp_path: Path) -> None:
     # one is larger than a piece
     todo = [jobs.Noise(0, kib=9000), *map(jobs.Noise, range(1, 6)), jobs.One("a.txt")]
     lines = said(driver(cluster, tmp_path / "far", todo))
     assert json.loads(lines[-1]) == [7, 0, 0, []]
     run_jobs(todo, tmp_path / "here", threads=1)
-    assert digests(tmp_path / "far") == digests(tmp_path / "here")
-    assert len(digests(tmp_path / "far")) == 19
+    assert jobs.digests(tmp_path / "far") == jobs.digests(tmp_path / "here")
+    assert len(jobs.digests(tmp_path / "far")) == 19
     assert sorted(path.name for path in (tmp_path / "far").iterdir()) == ["a.txt", "noise"]
     lines = said(driver(cluster, tmp_path / "far", todo, address="auto"))
     assert json.loads(lines[-1]) == [0, 7, 0, []]
@@ -173,7 +164,7 @@ def test_errors_and_deaths_are_told_as_here(cluster: Nodes, tmp_path: Path) -> N
         "d: its node or worker",
         "m: its node or worker",
     ]
-    assert sorted(digests(tmp_path / "b/d")) == ["half1", "whole"]
+    assert sorted(jobs.digests(tmp_path / "b/d")) == ["half1", "whole"]
 
 
 def test_a_stop_brings_home_what_runs(cluster: Nodes, tmp_path: Path) -> None:
@@ -188,7 +179,7 @@ def test_a_stop_brings_home_what_runs(cluster: Nodes, tmp_path: Path) -> None:
     assert left == 30 - made
     assert lost == []
     assert [path.name for path in (tmp_path / "far").iterdir()] == ["noise"]
-    assert len(digests(tmp_path / "far")) == 3 * made
+    assert len(jobs.digests(tmp_path / "far")) == 3 * made
 
 
 def simulated(cluster: Nodes, *words: str | Path, source: str = SIMULATE) -> list[str]:

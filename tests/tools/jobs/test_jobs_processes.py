@@ -20,23 +20,15 @@ from evs.tools.jobs.target_folder import PREFIX
 from speed import jobs
 
 
-def digests(folder: Path) -> dict[str, str]:
-    """Every file below a folder."""
-    return {
-        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file()
-    }
-
-
+@pytest.mark.integration
 def test_any_number_of_workers_brings_the_same_files(tmp_path: Path) -> None:
     todo = [jobs.Noise(number, kib=40) for number in range(5)]
     assert run_jobs(todo, tmp_path / "one") == JobSummary(5, 0, 0)
     assert run_jobs(todo, tmp_path / "two", workers=2) == JobSummary(5, 0, 0)
-    found = digests(tmp_path / "one")
+    found = jobs.digests(tmp_path / "one")
     assert len(found) == 15
     assert found["noise/004/in/b.txt"] == hashlib.sha256(b"4\n").hexdigest()
-    assert digests(tmp_path / "two") == found
+    assert jobs.digests(tmp_path / "two") == found
     # nothing else is left in either
     assert [path.name for path in (tmp_path / "two").iterdir()] == ["noise"]
 
@@ -58,6 +50,7 @@ def test_what_is_there_is_kept_and_the_rest_is_made(tmp_path: Path) -> None:
     assert run_jobs(todo, tmp_path) == JobSummary(0, 4, 0)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_job_that_follows_another_is_made_once_that_one_is_there(
     tmp_path: Path, workers: int
@@ -92,6 +85,7 @@ def test_a_file_of_the_jobs_name_arrives_itself(tmp_path: Path) -> None:
     assert shares == [("00001.npz", 0.5)]
 
 
+@pytest.mark.integration
 def test_workers_share_the_cores_and_tell_how_far_they_are(tmp_path: Path) -> None:
     shares: list[tuple[str, float]] = []
     todo = [jobs.One("a"), jobs.One("b")]
@@ -105,9 +99,14 @@ def test_workers_share_the_cores_and_tell_how_far_they_are(tmp_path: Path) -> No
     assert (tmp_path / "c").read_text() == "5"
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("how", "says"),
-    [("kill", "SIGKILL; out of memory?"), ("starve", "no memory"), ("exit", "exit code 7")],
+    [
+        ("kill", "SIGKILL; out of memory?"),
+        pytest.param("starve", "no memory", marks=pytest.mark.slow),
+        pytest.param("exit", "exit code 7", marks=pytest.mark.slow),
+    ],
 )
 def test_a_worker_that_dies_is_told_and_its_job_made_by_another(
     tmp_path: Path, how: str, says: str
@@ -124,9 +123,10 @@ def test_a_worker_that_dies_is_told_and_its_job_made_by_another(
     # each time in another process, and nothing of the halves is there
     pids = {path.name.split("-")[2] for path in marks.iterdir()}
     assert len(pids) == 3
-    assert sorted(digests(tmp_path / "out/d")) == ["half2", "whole"]
+    assert sorted(jobs.digests(tmp_path / "out/d")) == ["half2", "whole"]
 
 
+@pytest.mark.integration
 def test_a_job_that_always_kills_its_worker_is_given_up(tmp_path: Path) -> None:
     todo = [jobs.Dies("d", str(tmp_path), 99), *map(jobs.Noise, range(3))]
     with (
@@ -141,7 +141,7 @@ def test_a_job_that_always_kills_its_worker_is_given_up(tmp_path: Path) -> None:
     assert ran.kept >= 1
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("kind", "error", "says"),
     [
@@ -170,6 +170,7 @@ def test_an_exception_that_cannot_be_carried_is_told_all_the_same(tmp_path: Path
     assert "in make" in "".join(caught.value.__notes__)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_job_without_files_is_no_job(tmp_path: Path, workers: int) -> None:
     with pytest.raises(EvsError, match="e: it has written nothing"):
@@ -179,11 +180,13 @@ def test_a_job_without_files_is_no_job(tmp_path: Path, workers: int) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.integration
 def test_a_warning_of_a_worker_is_one_of_this_process(tmp_path: Path) -> None:
     with pytest.warns(RuntimeWarning, match="the light is dim"):
         run_jobs([jobs.Warns("w")], tmp_path, workers=2)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_stop_brings_home_what_runs(tmp_path: Path, workers: int) -> None:
     todo = [jobs.Noise(number) for number in range(6)]
@@ -201,6 +204,7 @@ def test_a_stop_brings_home_what_runs(tmp_path: Path, workers: int) -> None:
     assert run_jobs(todo, tmp_path) == JobSummary(ran.left, ran.made, 0)
 
 
+@pytest.mark.integration
 def test_on_done_may_end_it(tmp_path: Path) -> None:
     class EnoughError(Exception):
         pass
@@ -270,9 +274,12 @@ def test_who_comes_second_gives_way(tmp_path: Path) -> None:
             (folder / "late").touch()
 
     assert run_jobs([Late()], tmp_path) == JobSummary(1, 0, 0)
-    assert sorted(digests(tmp_path)) == [f"noise/001/{n}" for n in ("a.bin", "empty", "in/b.txt")]
+    assert sorted(jobs.digests(tmp_path)) == [
+        f"noise/001/{n}" for n in ("a.bin", "empty", "in/b.txt")
+    ]
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("workers", [1, 2])
 def test_work_may_make_more_work(workers: int) -> None:
     todo, values = [1, 2], {}
@@ -283,6 +290,7 @@ def test_work_may_make_more_work(workers: int) -> None:
     assert list(values) == [1, 2, 10, 20] if workers == 1 else set(values) == {1, 2, 10, 20}
 
 
+@pytest.mark.slow
 def test_the_program_of_the_page_runs(tmp_path: Path) -> None:
     page = (Path(__file__).parents[3] / "docs/howto/clusters.md").read_text()
     # test_jobs_cluster.py runs the other

@@ -69,27 +69,15 @@ def started(tmp_path: Path, seconds: float) -> subprocess.Popen[str]:
     return program
 
 
-def processes_of(session: int) -> list[int]:
-    """Living processes of a session, by /proc."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = path.read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
-        if int(fields[3]) == session and fields[0] != "Z":
-            found.append(int(path.parent.name))
-    return found
-
-
 def assert_gone(session: int) -> None:
     """Nobody is left of a session, or soon: multiprocessing's own helper ends after its parent."""
     began_s = monotonic_s()
-    while processes_of(session) and monotonic_s() - began_s < 10.0:
+    while jobs.processes_of(session) and monotonic_s() - began_s < 10.0:
         sleep_s(0.02)
-    assert processes_of(session) == []
+    assert jobs.processes_of(session) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["interrupted", "terminated", "killed"])
 def test_signals_leave_nothing_half_and_nobody_behind(tmp_path: Path, how: str) -> None:
     program = started(tmp_path, 0.3)
@@ -117,6 +105,7 @@ def test_signals_leave_nothing_half_and_nobody_behind(tmp_path: Path, how: str) 
     assert list((tmp_path / "out").glob(f"{PREFIX}*")) == []
 
 
+@pytest.mark.integration
 def test_who_insists_is_obeyed_at_once(tmp_path: Path) -> None:
     program = started(tmp_path, 60.0)
     program.send_signal(signal.SIGINT)

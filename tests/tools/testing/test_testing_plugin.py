@@ -113,13 +113,14 @@ def test_an_installed_evs_is_loaded_by_no_test_run_that_does_not_ask(tmp_path: P
     assert "1 passed" in ran.stdout, ran.stdout + ran.stderr
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("arguments", "conftest"),
     [
         (["-p", "evs"], ""),
-        (["-p", "evs", "-p", PLUGIN], ""),
-        ([], "from evs.tools.testing import evs_loop\n"),
-        ([], "pytest_plugins = ['evs']\n"),
+        pytest.param(["-p", "evs", "-p", PLUGIN], "", marks=pytest.mark.slow),
+        pytest.param([], "from evs.tools.testing import evs_loop\n", marks=pytest.mark.slow),
+        pytest.param([], "pytest_plugins = ['evs']\n", marks=pytest.mark.slow),
     ],
 )
 def test_each_way_to_ask_for_it(tmp_path: Path, arguments: list[str], conftest: str) -> None:
