@@ -195,7 +195,6 @@ void IrradianceCache::clear() {
 
 void IrradianceCache::begin_pass(Pass pass) {
   view_.pass = pass;
-  has_edges_ = has_edges_ || pass == EDGES;
   // what another pass has marked
   forget_cells();
   refresh_view();
@@ -222,6 +221,7 @@ void IrradianceCache::drop_nodes() {
   disturbed_.clear();
   used_.clear();
   known_.clear();
+  counted_.clear();
   phase_.clear();
   wanted_.clear();
   for (Worker& w : workers_) {
@@ -256,6 +256,7 @@ void IrradianceCache::add(const Node& node, int used, int known) {
   phase_.push_back(hash_of(node.key) >> 60);
   used_.push_back(static_cast<uint8_t>(used));
   known_.push_back(static_cast<uint8_t>(known));
+  counted_.push_back(counts(nodes_.size() - 1));
   light_.resize(4 * nodes_.size());
   changed_.push_back(1);
   disturbed_.push_back(1);
@@ -401,6 +402,16 @@ void IrradianceCache::disturb(const Frame& frame, int k) {
   visit_neighbours(frame, k, [&](int neighbour, int) { set(neighbour); });
 }
 
+// What only edges have read begins to count when pixels read it, and may end to after a sweep.
+void IrradianceCache::disturb_recounted(const Frame& frame) {
+  for (int k = 0; k < size(); k++) {
+    const uint8_t now = counts(static_cast<size_t>(k));
+    if (now == counted_[k]) continue;
+    counted_[k] = now;
+    disturb(frame, k);
+  }
+}
+
 // Find the mean of a node and its neighbours, with binomial weights; less of those that face
 // elsewhere.
 void IrradianceCache::average(const Frame& frame, int k) {
@@ -439,6 +450,7 @@ void IrradianceCache::sweep() {
     nodes_[kept] = nodes_[k];
     phase_[kept] = phase_[k];
     known_[kept] = used_[k];
+    counted_[kept] = counted_[k];
     std::copy_n(light_.data() + 4 * k, 4, light_.data() + 4 * kept);
     kept++;
   }
@@ -448,6 +460,7 @@ void IrradianceCache::sweep() {
   phase_.resize(kept);
   used_.resize(kept);
   known_.resize(kept);
+  counted_.resize(kept);
   light_.resize(4 * kept);
   changed_.resize(kept);
   disturbed_.assign(kept, 1);
@@ -458,6 +471,7 @@ void IrradianceCache::sweep() {
 void IrradianceCache::next_tick(const Tracer& t) {
   tick_++;
   if (tick_ % CYCLE_TICKS == 0) sweep();
+  disturb_recounted(t.frame);
   int turn = static_cast<int>(tick_ % RENEWAL_TICKS);
   int quarter = static_cast<int>(tick_ / RENEWAL_TICKS % QUARTERS);
   due_.clear();
@@ -470,7 +484,7 @@ void IrradianceCache::next_tick(const Tracer& t) {
     for (int i = job * CHUNK; i < std::min((job + 1) * CHUNK, due); i++) {
       Node& node = nodes_[due_[i]];
       std::copy_n(node.mean, 3, node.before);
-      if (disturbed_[due_[i]] || has_edges_) average(t.frame, due_[i]);
+      if (disturbed_[due_[i]]) average(t.frame, due_[i]);
       disturbed_[due_[i]] = 0;
     }
   });
@@ -586,8 +600,8 @@ bool IrradianceCache::add_requested(const Tracer& t) {
 
 size_t IrradianceCache::bytes() const {
   return nodes_.capacity() * sizeof(Node) + light_.capacity() * sizeof(float) + used_.capacity() +
-         changed_.capacity() + disturbed_.capacity() + known_.capacity() + phase_.capacity() +
-         slots_.capacity() * sizeof(NodeSlot);
+         changed_.capacity() + disturbed_.capacity() + known_.capacity() + counted_.capacity() +
+         phase_.capacity() + slots_.capacity() * sizeof(NodeSlot);
 }
 
 void IrradianceCache::save(int32_t* ints, float* floats) const {

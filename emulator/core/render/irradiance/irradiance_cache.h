@@ -134,6 +134,7 @@ class IrradianceCache {
   template <class Visit>
   void visit_neighbours(const Frame& frame, int k, const Visit& visit) const;
   void disturb(const Frame& frame, int k);
+  void disturb_recounted(const Frame& frame);
   void average(const Frame& frame, int k);
   void drop_nodes();
   void forget_cells();
@@ -152,6 +153,7 @@ class IrradianceCache {
   std::vector<uint8_t> disturbed_;  // (nodes) what its mean is made of, since it was found
   std::vector<uint8_t> used_;       // (nodes) the passes that read it since the last sweep
   std::vector<uint8_t> known_;      // (nodes) ALL_PIXELS read it before that, or asked for it
+  std::vector<uint8_t> counted_;    // (nodes) whether it counted when this was last asked
   std::vector<uint8_t> read_;       // (nodes) while readers are taken
   std::vector<uint8_t> phase_;      // (nodes) high bits of the hash
   std::vector<NodeSlot> slots_;
@@ -163,7 +165,6 @@ class IrradianceCache {
   std::vector<int> lamp_order_;  // (geoms that ever glowed, LAMP_POINTS)
   std::vector<int> lamps_;       // those geoms
   IrradianceView view_ = {};
-  bool has_edges_ = false;  // nodes may begin to count because pixels read them
   long tick_ = 0;
   int coarser_ = 0;  // by how many levels
   long paths_ = 0;   // traced so far
