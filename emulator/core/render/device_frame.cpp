@@ -241,7 +241,7 @@ void trace_device_pixels(const Kernel& kernel, const DeviceArguments& arguments,
       if (!(weight > 0)) continue;
       int pixel = y % PACKET_HEIGHT * PACKET_WIDTH + x % PACKET_WIDTH;
       kernel.refine_hybrid(frame, arguments.paths, arguments.cache, *requests, x / PACKET_WIDTH,
-                           y / PACKET_HEIGHT, 1u << pixel, refined, nullptr);
+                           y / PACKET_HEIGHT, 1u << pixel, refined, nullptr, nullptr);
       requests->complete = true;
       light.luminance[at(x, y)] = blend(light.base[at(x, y)], refined[pixel], weight);
     }

@@ -95,7 +95,7 @@ struct KeptNodes {
 struct KeptPacket {
   PacketRecord record;
   KeptNodes* nodes;
-  float* rows;      // (samples, kept_rows, 16)
+  float* rows;      // (samples, kept_rows, 16); null for refined pixels
   float* surfaces;  // (samples, surface_rows, 16), while lamps move; or null
   bool complete;    // out: the rows hold all that it needs
 };

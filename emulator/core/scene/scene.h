@@ -386,7 +386,8 @@ struct Kernel {
   void (*trace_hybrid_pair)(const Frame&, const PathFrame&, const IrradianceView&, NodeRequests&,
                             int column, int row, const Outputs&);
   void (*refine_hybrid)(const Frame&, const PathFrame&, const IrradianceView&, NodeRequests&,
-                        int column, int row, unsigned pixels, float* luminance, float* rgb);
+                        int column, int row, unsigned pixels, float* luminance, float* rgb,
+                        KeptPacket*);
   // Spread LAMP_POINTS points over an emitter. In: LAMP_POINTS pairs of numbers, evenly spread.
   void (*lamp_points)(const Frame&, const PathFrame&, int emitter, const float* x, const float* y,
                       LampPoint*);

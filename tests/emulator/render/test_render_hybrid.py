@@ -181,10 +181,14 @@ def moving(stage: RandomStage, ticks: int) -> list:
     return [*before, *[rest] * (REST + 30), *film_of(stage, ticks)]
 
 
-def test_incremental_equals_full_tracing() -> None:
+@pytest.mark.parametrize("antialiasing", ["fixed", "adaptive"])
+def test_incremental_equals_full_tracing(antialiasing: str) -> None:
     stage = RandomStage(7, size=(31, 23))
     film = moving(stage, 24)
-    kept, full = renderer_of(stage), renderer_of(stage, incremental=False)
+    kept, full = (
+        renderer_of(stage, antialiasing=antialiasing, incremental=incremental)
+        for incremental in (True, False)
+    )
     fractions = []
     for instant in film:
         np.testing.assert_array_equal(kept.render(*instant), full.render(*instant))
@@ -233,10 +237,18 @@ LIT_ROOM = """<mujoco><asset>
 
 @pytest.mark.parametrize("floor", [2, 0])
 @pytest.mark.parametrize(
-    ("mode", "spp"),
-    [("fixed", 1), *(pytest.param(*k, marks=SLOW) for k in (("fixed", 3), ("trackcom", 2)))],
+    ("mode", "spp", "antialiasing"),
+    [
+        ("fixed", 1, "fixed"),
+        ("fixed", 4, "adaptive"),
+        pytest.param("fixed", 3, "fixed", marks=SLOW),
+        pytest.param("trackcom", 2, "fixed", marks=SLOW),
+        pytest.param("trackcom", 3, "adaptive", marks=SLOW),
+    ],
 )
-def test_packets_before_a_still_camera_are_lit_again(mode: str, spp: int, floor: int) -> None:
+def test_packets_before_a_still_camera_are_lit_again(
+    mode: str, spp: int, antialiasing: str, floor: int
+) -> None:
     """Penumbrae, a mirror with sky, a horizon with haze, and a bulb that follows what falls.
 
     Most packets only read the cache again, or evaluate lamps at the surfaces that they have kept;
@@ -246,7 +258,7 @@ def test_packets_before_a_still_camera_are_lit_again(mode: str, spp: int, floor:
     data = mujoco.MjData(model)
     camera = bind_camera(model, "eye", 64, 48, CameraConfig())
     scene, snapshots = extract_scene(model), SnapshotTaker(model, [camera])
-    config = RenderConfig(renderer="hybrid", spp=spp, antialiasing="fixed")
+    config = RenderConfig(renderer="hybrid", spp=spp, antialiasing=antialiasing)
     kept, full = (
         make_renderer(
             scene, camera.model, replace(config, incremental=incremental), 1, rgb=spp == 3

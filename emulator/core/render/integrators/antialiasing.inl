@@ -63,6 +63,7 @@ void refine_packet(const Shading& shading, const Frame& f, int column, int row, 
     radiance<CHANNELS, 0>(shading, f, rays_through(f, load(x), load(y)), cone,
                           mask_from_bits((1u << used) - 1), splat(0.0f),
                           record ? &recorder : nullptr, light);
+    shading.template sampled<CHANNELS>(light);
     store(grey, luminance_of<CHANNELS>(f, light));
     for (int i = 0; i < used; i++) sum[owner[i]] += grey[i];
     if (CHANNELS < 3 || !rgb) continue;

@@ -275,9 +275,8 @@ bool HybridIntegrator::trace_passes(const IrradianceCache::Tracer& tracer, Recor
       int count = 1;
       bool found = true;
       bool keeps = dirty == Dirty::CLEAN || dirty == Dirty::RELIGHT;
-      if (dirty == Dirty::CLEAN && !antialiasing_ &&
-          !cache.any_changed(kept_nodes_[first + column])) {
-        // its pixels are those of the last tick
+      if (dirty == Dirty::CLEAN && !cache.any_changed(kept_nodes_[first + column])) {
+        // its pixels are those of the last tick, and so are those that were refined
         incomplete[column] = 0;
         continue;
       }
@@ -332,9 +331,16 @@ bool HybridIntegrator::trace_passes(const IrradianceCache::Tracer& tracer, Recor
   antialiasing_->close_margin();
   fits = complete_rows([&](int row, int worker) {
     auto refine = [&](int column, int, unsigned pixels, float* luminance, float* rgb) {
+      size_t packet = static_cast<size_t>(row) * scene_.sampling.columns + column;
+      bool keeps = now != Recording::NOTHING && kept_whole_[packet];
+      KeptPacket kept = {};
+      if (keeps)
+        kept = {packet_cache_->record(column, row), &kept_nodes_[packet], nullptr, nullptr, false};
       kernel_.refine_hybrid(scene_.frame, paths_, cache.view(), cache.requests(worker), column, row,
-                            pixels, luminance, rgb);
-      return cache.collect(worker);
+                            pixels, luminance, rgb, keeps ? &kept : nullptr);
+      bool found = cache.collect(worker);
+      if (keeps && found) kept_whole_[packet] = kept.complete;
+      return found;
     };
     return antialiasing_->finish_row(kernel_, row, out, refine);
   });

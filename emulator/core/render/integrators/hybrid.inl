@@ -669,14 +669,18 @@ inline void relight_hybrid(const Frame& f, const PathFrame& p, const IrradianceV
   });
 }
 
-// `refine`, with the light of the cache.
+// `refine`, with the light of the cache. In/out: what the packet keeps, without rows, or null.
 inline void refine_hybrid(const Frame& f, const PathFrame& p, const IrradianceView& cache,
                           NodeRequests& requests, int column, int row, unsigned pixels,
-                          float* luminance, float* rgb) {
-  HybridShading shading = {p, cache, requests};
+                          float* luminance, float* rgb, KeptPacket* kept) {
+  KeptWriter keeps = {};
+  if (kept) keeps.nodes = kept->nodes;
+  HybridShading shading = {p, cache, requests, kept ? &keeps : nullptr};
   for_channels(f, [&]<int CHANNELS>() {
-    refine_packet<CHANNELS>(shading, f, column, row, pixels, luminance, rgb, nullptr);
+    refine_packet<CHANNELS>(shading, f, column, row, pixels, luminance, rgb,
+                            kept ? &kept->record : nullptr);
   });
+  if (kept) kept->complete = keeps.complete;
 }
 
 }  // namespace

@@ -67,9 +67,9 @@ struct KeptSurface {
   SurfaceLobes<CHANNELS> lobes;
 };
 
-// Writes the samples of a packet one by one.
+// Writes the samples of a packet one by one, or of its refined pixels the nodes alone.
 struct KeptWriter {
-  float* sample;   // the next one
+  float* sample;   // the next one; null: keep none
   float* surface;  // the next one; null: keep none
   KeptNodes* nodes;
   bool complete = true;
@@ -88,6 +88,11 @@ struct KeptWriter {
     channels = CHANNELS;
     complete = complete && surfaces++ == 0 && !any(lit & (at.alpha < 1.0f));
     if (!complete) return;
+    if (!sample) {
+      keep_nodes(cells.first, lit);
+      keep_nodes(cells.second, cells.blended);
+      return;
+    }
     head = {to_bits(lit), 0, to_bits(cells.blended), 0, at.step};
     if (surface) keep_surface<CHANNELS>(hit, at, lobes);
     store(row(KEPT_SHARE), cells.share);
@@ -119,6 +124,9 @@ struct KeptWriter {
   void keep_cells(const CellLanes& cells, int first, Mask lanes) {
     store(row(first), cells.x);
     store(row(first + 1), cells.y);
+    store(row(first + 2), as_float(keep_nodes(cells, lanes)));
+  }
+  Int keep_nodes(const CellLanes& cells, Mask lanes) {
     Int places = splat(0);
     for (int k = 3; k >= 0; k--) {
       places = places * splat(256);
@@ -130,19 +138,19 @@ struct KeptWriter {
         places = select(here, places + splat(place), places);
       }
     }
-    store(row(first + 2), as_float(places));
+    return places;
   }
   // A mirror image that reads nothing, in `lanes`.
   template <int CHANNELS>
   void mirrored(const Float* image, Mask lanes) {
-    if (!complete || surfaces != 1) return;
+    if (!sample || !complete || surfaces != 1) return;
     head.mirrors = to_bits(lanes);
     for (int c = 0; c < CHANNELS; c++) store(light(2, c), image[c]);
   }
   // How the surface is composited: over light that is in front of it, and that of lanes that miss.
   template <int CHANNELS>
   void composited(const Float* before, Float weight, Mask lit) {
-    if (!complete || surfaces != 1) return;
+    if (!sample || !complete || surfaces != 1) return;
     Mask plain = lit & (weight >= 1.0f);
     for (int c = 0; c < CHANNELS; c++) {
       plain = plain & (before[c] <= 0.0f) & (before[c] >= 0.0f);
@@ -154,6 +162,10 @@ struct KeptWriter {
   // The end of a sample, with all of its light.
   template <int CHANNELS>
   void sampled(const Float* total) {
+    if (!sample) {
+      surfaces = 0;
+      return;
+    }
     channels = CHANNELS;
     if (surfaces == 0) {
       head = {0, 0, 0, 1, 0};
