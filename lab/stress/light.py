@@ -324,8 +324,8 @@ CASES = (
     StressCase(
         "fifteen-decades",
         "light",
-        "1e-6 ... 1e9 lux (white of 1e-9 ... 1e6) side by side in a picture that moves by a "
-        "decade per ms, back and forth",
+        "light from 1e-6 to 1e9 lux (1e-9 to 1e6 times white) side by side in a picture that "
+        "moves back and forth, so that each pixel's light changes by a decade per ms",
         "ln(10) / threshold = 11.5 events per decade: each pixel's count in each tick is that of "
         "the exact logarithm",
         _decades,
@@ -358,7 +358,8 @@ CASES = (
     StressCase(
         "strobe-aliased",
         "light",
-        "a lamp switched at 640 Hz, ticks of 1 ms: the remainder beats with the ticks",
+        "a lamp switched at 640 Hz, ticks of 1 ms: a tick is not a whole number of pulses, so "
+        "the two beat",
         "the events of the waveform's integral over each tick, one by one, and the same warning",
         _strobe_beats,
     ),
@@ -387,7 +388,8 @@ CASES = (
         "bad-material",
         "light",
         "NaN, infinite and negative numbers in materials and lights",
-        "each is rejected in one line that names it; a negative one is shown as 0, as in MuJoCo's "
+        "each is rejected with a one-line message that names it; a negative one is shown as 0, "
+        "as in MuJoCo's "
         "viewer",
         _bad_material,
     ),

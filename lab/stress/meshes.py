@@ -229,7 +229,7 @@ CASES = (
         "meshes-of-no-numbers",
         "motion",
         "NaN and infinite vertices in a mesh and heights in a height field",
-        "each is rejected in one line that names it",
+        "each is rejected with a one-line message that names it",
         _no_numbers,
     ),
 )

@@ -287,7 +287,8 @@ CASES = (
         "no-bodies",
         "motion",
         "a world with one still geom and no bodies; an empty world",
-        "no events in the first; the second is rejected in one line that states what to do",
+        "no events in the first; the second is rejected with a one-line message that states what "
+        "to do",
         _no_bodies,
     ),
     StressCase(

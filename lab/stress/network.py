@@ -260,7 +260,7 @@ CASES = (
         "weights-1e6",
         "network",
         "weights of a million under a strobe",
-        f"{_MEMBRANE}; a network whose sums may pass 1e30 is rejected in one line",
+        f"{_MEMBRANE}; a network whose sums may exceed 1e30 is rejected with a one-line message",
         _large,
     ),
 )

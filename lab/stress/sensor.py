@@ -234,8 +234,8 @@ def _plain(width: int, height: int) -> Callable[[bool], Measurement]:
 
 
 _TOLD = (
-    "every pixel, including the last one, reports the change in light to within a threshold (at 1 "
-    "there is one more event), and again in reverse"
+    "every pixel, including the last one, reports the change in light to within one threshold (a "
+    "full threshold would be another event), and does so again in reverse"
 )
 
 CASES = (
@@ -311,8 +311,8 @@ CASES = (
         "sensor",
         "the network on the same number of pixels, all moving, with less memory than its state "
         "needs",
-        "rejected in one line that states the required memory, 4 x 6 bytes per pixel and input, "
-        "to 3 digits; then a small one runs",
+        "rejected with a one-line message that states the required memory, 4 x 6 bytes per pixel "
+        "and input, to 3 digits; then a smaller network runs",
         _network,
     ),
 )
