@@ -14,6 +14,7 @@ from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
+from reference.closed_forms import linear
 
 DARK = '<visual><headlight active="0"/></visual>'
 PAPER = '<material name="paper" specular="0" rgba="1 1 1 1"/>'
@@ -36,12 +37,6 @@ def seen(
 
 def load(xml: str) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
-
-
-def linear(coded: object) -> np.ndarray:
-    """Convert sRGB code to linear light (IEC 61966-2-1)."""
-    c = np.asarray(coded, np.float64)
-    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 
 
 @pytest.mark.parametrize("range_m", [2.2, 5.0, 0.0])

@@ -20,6 +20,7 @@ from evs.emulator.base.scene import (
 )
 from evs.emulator.config import RenderConfig
 from evs.emulator.render import NativeRenderer
+from reference.closed_forms import linear
 from reference.scenes import camera_of, scene_of, shot_of
 
 SIZE = 24
@@ -29,12 +30,6 @@ LAMP = Light(
 )
 AROUND = replace(LAMP, ambient=(0.6,) * 3, diffuse=(0.0,) * 3)
 COLOUR = (0.8, 0.4, 0.2)
-
-
-def linear(coded: object) -> np.ndarray:
-    """sRGB to linear light (IEC 61966-2-1)."""
-    c = np.asarray(coded, np.float64)
-    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 
 
 def flat(*components: int, srgb: bool = False) -> Texture:

@@ -24,17 +24,13 @@ from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.render.raster import RasterRenderer, context
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene, load_model
 from evs.msgs import EvsError
+from reference.closed_forms import linear
 
 DARK = '<visual><headlight active="0"/></visual>'
 MATT = '<material name="matt" specular="0" rgba="{0} {0} {0} 1"/>'
 BALL = '<geom type="sphere" size=".3"/>'
 SUN = '<light type="directional" dir="0 0 -1" diffuse="1 1 1" castshadow="false"/>'
 ABOVE = '<camera pos="0 0 5" projection="orthographic" fovy="2"/>'
-
-
-def linear(coded: float) -> float:
-    """sRGB to linear light (IEC 61966-2-1)."""
-    return coded / 12.92 if coded <= 0.04045 else ((coded + 0.055) / 1.055) ** 2.4
 
 
 # without OpenGL: complaints

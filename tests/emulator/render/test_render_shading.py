@@ -11,15 +11,11 @@ from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
+from reference.closed_forms import linear
 from reference.scenes import SAMPLED_OUTLINES
 
 DARK = '<visual><headlight active="0"/></visual>'
 MATT = '<material name="matt" specular="0" rgba="{0} {0} {0} 1"/>'
-
-
-def linear(coded: float) -> float:
-    """sRGB to linear light (IEC 61966-2-1)."""
-    return coded / 12.92 if coded <= 0.04045 else ((coded + 0.055) / 1.055) ** 2.4
 
 
 def light_of(

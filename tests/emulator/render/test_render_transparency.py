@@ -10,6 +10,7 @@ from evs.emulator import _core
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
+from reference.closed_forms import linear
 from reference.scenes import SAMPLED_OUTLINES
 
 GLOW = '<material name="{0}" emission="1" specular="0" rgba="{1} {1} {1} {2}"/>'
@@ -35,10 +36,6 @@ def seen(model: mujoco.MjModel, isa: str = "auto") -> tuple[np.ndarray, np.ndarr
     renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(spp=1, isa=isa), 1)
     light = renderer.render(frame, frame.cameras[0]).astype(float)
     return light, renderer.hits(frame, frame.cameras[0])[0]
-
-
-def linear(coded: float) -> float:
-    return float(((coded + 0.055) / 1.055) ** 2.4)
 
 
 @pytest.mark.parametrize("isa", _core.isa_available())

@@ -1,4 +1,4 @@
-"""Light that can be written down: form factors, and what a GGX surface reflects."""
+"""Light that can be written down: sRGB, form factors, and what a GGX surface reflects."""
 
 from __future__ import annotations
 
@@ -6,6 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 F64 = npt.NDArray[np.float64]
+
+
+def linear(coded: npt.ArrayLike) -> F64:
+    """Convert sRGB codes of 0 ... 1 to linear light (IEC 61966-2-1)."""
+    c = np.asarray(coded, np.float64)
+    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 
 
 def of_rectangle(x: F64, y: F64, half: tuple[float, float], height: float) -> F64:

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.scene import Light, LightKind, Mesh, Shape, Surface, TextureKind
+from reference.closed_forms import linear
 from reference.stage import Stage
 from reference.tessellation import ball
 
@@ -26,12 +27,6 @@ WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
 """The weights of linear BT.709 colours in luminance."""
 FAR = 1e4
 """Half the width of an infinite plane, m: at a height of 1 m, the horizon is off by 1e-4 rad."""
-
-
-def linear(coded: npt.ArrayLike) -> F64:
-    """Convert display-coded values to linear ones (IEC 61966-2-1)."""
-    c = np.asarray(coded, np.float64)
-    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 
 
 def rgb(values: npt.ArrayLike) -> dict[str, Any]:
