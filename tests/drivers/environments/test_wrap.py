@@ -325,11 +325,9 @@ def test_an_explosion_is_reported(kind: Any, every: str, before: int, quiet: Non
             t_s = 0.002 * before * FRAME_SKIP
             assert text.startswith(f"unstable after t = {t_s:.6f} s: bad ")
             assert " at joint '0' of body '1'; MuJoCo has reset the data by itself" in text
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        env.step(None)
-        env.reset()
-        env.step(None)
+    env.step(None)
+    env.reset()
+    env.step(None)
     assert len(env.events)
     assert env.instabilities == 2
 

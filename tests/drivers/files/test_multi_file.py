@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -146,9 +145,7 @@ def test_a_torn_last_part_is_told_by_its_name_and_repaired(
     assert files.summary(path).torn_bytes > 0
     assert main(["info", str(path), "--repair"]) == 0
     assert f"{last}: cut " in capsys.readouterr().out
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert evs.read(path).tobytes() == got.tobytes()
+    assert evs.read(path).tobytes() == got.tobytes()
     # a kill in the header of the next one
     (tmp_path / "run-004.aedat4").write_bytes(b"#!AER")
     assert evs.read(path).tobytes() == got.tobytes()
