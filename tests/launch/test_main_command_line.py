@@ -216,7 +216,7 @@ LONG = "d" * 300
         f"launch {LONG}.toml",
         f"sensors {LONG}.toml",
         f"record tcp://127.0.0.1:9 {LONG}.aedat4",
-        f"dataset {LONG}",
+        f"dataset {LONG} --scenes kitchen",
     ],
 )
 def test_a_path_out_of_reach_is_one_line(words: str, capsys: Capture) -> None:
