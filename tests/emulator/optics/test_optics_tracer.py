@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import cv2
-import mujoco
 import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.base.scene import SceneSnapshot
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.optics import project
-from evs.emulator.render import NativeRenderer, make_renderer
-from evs.emulator.world import BoundCamera, SnapshotTaker, bind_camera, extract_scene
+from evs.emulator.render import make_renderer
 from evs.msgs import EvsError
+from reference.film import Film
 
 WIDTH, HEIGHT = 173, 131  # no multiple of a packet
 PLUMB_BOB = CameraConfig(
@@ -42,11 +40,9 @@ VIEWS = {"plumb_bob": PLUMB_BOB, "rational": RATIONAL, "fisheye": FISHEYE, "behi
 VIEW = pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
 
 
-class Film:
-    """A world and renderers for one free camera in its origin, looking along x, z up."""
-
-    def __init__(self, bodies: str, view: CameraConfig, sky: bool = True) -> None:
-        xml = f"""
+def film_of(bodies: str, view: CameraConfig, sky: bool = True) -> Film:
+    """Make a film of a free camera in the origin of a world, looking along x, z up."""
+    xml = f"""
         <mujoco><option timestep=".001"/>
           <visual><headlight ambient=".1 .1 .1" diffuse=".4 .4 .4"/></visual>
           <asset>
@@ -60,25 +56,8 @@ class Film:
           </asset>
           <worldbody><body name="eye" pos="0 0 0"/>{bodies}</worldbody>
         </mujoco>"""
-        self.model = mujoco.MjModel.from_xml_string(xml)
-        self.scene = extract_scene(self.model)
-        mounted = replace(view, body="eye", xyaxes=(0.0, -1.0, 0.0, 0.0, 0.0, 1.0))
-        self.bound: BoundCamera = bind_camera(self.model, "", WIDTH, HEIGHT, mounted)
-
-    def snapshots(self, ticks: int = 1) -> list[SceneSnapshot]:
-        """One a ms."""
-        data = mujoco.MjData(self.model)
-        poser = SnapshotTaker(self.model, [self.bound])
-        taken = []
-        for k in range(ticks):
-            taken.append(poser.snapshot(data, 1000 * k))
-            mujoco.mj_step(self.model, data)
-        return taken
-
-    def renderer(self, threads: int = 1, spp: int = 2, **render: object) -> NativeRenderer:
-        """A renderer of this film's camera."""
-        config = RenderConfig(spp=spp, **render)  # type: ignore[arg-type]
-        return NativeRenderer(self.scene, self.bound.model, config, threads)
+    mounted = replace(view, body="eye", xyaxes=(0.0, -1.0, 0.0, 0.0, 0.0, 1.0))
+    return Film(xml, (WIDTH, HEIGHT), mounted)
 
 
 def in_camera(points: np.ndarray) -> np.ndarray:
@@ -125,11 +104,11 @@ def test_small_spheres_appear_where_opencv_projects_them(name: str) -> None:
     text = "".join(
         f'<geom type="sphere" pos="{x} {y} {z}" size=".2" material="glow"/>' for x, y, z in points
     )
-    film = Film(text, VIEWS[name], sky=False)
+    film = film_of(text, VIEWS[name], sky=False)
     (frame,) = film.snapshots()
     renderer = film.renderer(spp=64, headlight="off")
     light = renderer.render(frame, frame.cameras[0]).astype(np.float64)
-    where = opencv(film.bound.model, in_camera(points))
+    where = opencv(film.camera, in_camera(points))
     x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
     seen = 0
     for u, v in where:
@@ -146,12 +125,12 @@ def test_small_spheres_appear_where_opencv_projects_them(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["plumb_bob", "rational", "fisheye"])
 def test_the_point_in_a_pixels_centre_is_projected_to_it(name: str) -> None:
-    film = Film('<geom type="box" size="3 2 1.5" pos="4 0 0"/>', VIEWS[name])
+    film = film_of('<geom type="box" size="3 2 1.5" pos="4 0 0"/>', VIEWS[name])
     (frame,) = film.snapshots()
-    truth = film.renderer().ground_truth(frame, frame.cameras[0])
+    truth = film.renderer(spp=2).ground_truth(frame, frame.cameras[0])
     seen = truth.geom_id >= 0
     assert seen.mean() > 0.02
-    image = opencv(film.bound.model, in_camera(truth.position[seen].astype(np.float64)))
+    image = opencv(film.camera, in_camera(truth.position[seen].astype(np.float64)))
     rows, columns = np.nonzero(seen)
     # 0.01: half the resolution of lens.py's figure; float32 positions are good to 1e-4 px
     np.testing.assert_allclose(image, np.stack([columns, rows], 1) + 0.5, atol=0.01)
@@ -165,10 +144,10 @@ def test_a_fisheye_sees_what_is_behind_it() -> None:
         f'<geom type="sphere" pos="{x} {y} {z}" size=".6" material="glow"/>'
         for x, y, z in 5 * directions
     )
-    film = Film(text, BEHIND)
+    film = film_of(text, BEHIND)
     (frame,) = film.snapshots()
-    geom, distance = film.renderer().hits(frame, frame.cameras[0])
-    camera = film.bound.model
+    geom, distance = film.renderer(spp=2).hits(frame, frame.cameras[0])
+    camera = film.camera
     left = (camera.cx - 24 * angle, camera.cy)
     above = (camera.cx, camera.cy - 24 * angle)
     for index, (x, y) in enumerate((left, above)):
@@ -177,12 +156,12 @@ def test_a_fisheye_sees_what_is_behind_it() -> None:
 
 
 def test_outside_the_image_circle_it_is_dark_and_nothing_is_hit() -> None:
-    film = Film(ROOM, BEHIND)
+    film = film_of(ROOM, BEHIND)
     before, now = film.snapshots(2)
-    renderer = film.renderer()
+    renderer = film.renderer(spp=2)
     light = renderer.render(now, now.cameras[0])
     x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
-    camera = film.bound.model
+    camera = film.camera
     r = np.hypot((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy)
     outside = r > np.pi
     assert 0.05 < outside.mean() < 0.5
@@ -205,7 +184,7 @@ def test_outside_the_image_circle_it_is_dark_and_nothing_is_hit() -> None:
 def test_no_packet_misses_what_its_rays_hit(view: CameraConfig, antialiasing: str) -> None:
     # a frame asks each packet's hull which geoms it can touch; single pixels ask their own rays
     for seed in range(3):
-        film = Film(ROOM + field(150, seed), replace(view, vignetting_polynomial=(-0.3,)))
+        film = film_of(ROOM + field(150, seed), replace(view, vignetting_polynomial=(-0.3,)))
         (frame,) = film.snapshots()
         renderer = film.renderer(spp=4, antialiasing=antialiasing)
         light = renderer.render(frame, frame.cameras[0])
@@ -218,10 +197,10 @@ def test_no_packet_misses_what_its_rays_hit(view: CameraConfig, antialiasing: st
 
 @VIEW
 def test_threads_and_instruction_sets_give_the_same_bytes(view: CameraConfig) -> None:
-    film = Film(ROOM + field(40, 5), replace(view, vignetting="cos4"))
+    film = film_of(ROOM + field(40, 5), replace(view, vignetting="cos4"))
     (frame,) = film.snapshots()
     found = {
-        film.renderer(threads=threads, isa=isa).render(frame, frame.cameras[0]).tobytes()
+        film.renderer(threads, spp=2, isa=isa).render(frame, frame.cameras[0]).tobytes()
         for isa in _core.isa_available()
         for threads in (1, 3)
     }
@@ -233,8 +212,8 @@ def test_incremental_equals_full_tracing(view: CameraConfig) -> None:
     falling = """<body pos="1.5 .2 .8"><freejoint/>
         <geom type="capsule" size=".1 .3" euler="30 40 0"/><geom type="box" size=".1 .2 .1"/></body>
       <body pos="-1.5 .2 .9"><freejoint/><geom type="sphere" size=".2"/></body>"""
-    film = Film(ROOM + field(10, 3) + falling, view)
-    kept, full = film.renderer(incremental=True), film.renderer(incremental=False)
+    film = film_of(ROOM + field(10, 3) + falling, view)
+    kept, full = film.renderer(spp=2), film.renderer(spp=2, incremental=False)
     fractions = []
     for frame in film.snapshots(120):
         a, b = (r.render(frame, frame.cameras[0]) for r in (kept, full))
@@ -248,9 +227,9 @@ def test_no_distortion_and_all_zero_distortion_give_the_same_bytes() -> None:
     plain = replace(PLUMB_BOB, distortion_model="none", distortion=())
     frames = []
     for view in (plain, replace(PLUMB_BOB, distortion=(0.0,) * 5)):
-        film = Film(ROOM + field(20, 1), view)
+        film = film_of(ROOM + field(20, 1), view)
         (frame,) = film.snapshots()
-        frames.append(film.renderer().render(frame, frame.cameras[0]).tobytes())
+        frames.append(film.renderer(spp=2).render(frame, frame.cameras[0]).tobytes())
     assert frames[0] == frames[1]
 
 
@@ -258,31 +237,31 @@ def test_a_lens_that_bends_next_to_nothing_shows_the_pinholes_picture() -> None:
     plain = replace(PLUMB_BOB, distortion_model="none", distortion=())
     hits = []
     for view in (plain, replace(PLUMB_BOB, distortion=(1e-9, 0.0, 0.0, 0.0, 0.0))):
-        film = Film(ROOM + field(20, 1), view)
+        film = film_of(ROOM + field(20, 1), view)
         (frame,) = film.snapshots()
-        hits.append(film.renderer().hits(frame, frame.cameras[0]))
+        hits.append(film.renderer(spp=2).hits(frame, frame.cameras[0]))
     same = hits[0][0] == hits[1][0]
     assert same.mean() > 0.9995  # a silhouette may run through a pixel's centre
     np.testing.assert_allclose(hits[0][1][same], hits[1][1][same], rtol=1e-3)
 
 
 def test_the_flow_is_that_of_the_distorted_image() -> None:
-    film = Film('<body pos="3 0 0"><freejoint/><geom type="box" size=".5 3 2"/></body>', RATIONAL)
-    data, poser = mujoco.MjData(film.model), SnapshotTaker(film.model, [film.bound])
-    before = poser.snapshot(data, 0)
-    data.qpos[1:3] = (0.004, -0.006)
-    now = poser.snapshot(data, 1000)
-    truth = film.renderer().ground_truth(now, now.cameras[0], (before, before.cameras[0]))
+    film = film_of(
+        '<body pos="3 0 0"><freejoint/><geom type="box" size=".5 3 2"/></body>', RATIONAL
+    )
+    film.data.qpos[1:3] = (0.004, -0.006)
+    before, now = film.shot, film.taker.snapshot(film.data, 1000)
+    truth = film.renderer(spp=2).ground_truth(now, now.cameras[0], (before, before.cameras[0]))
     seen = truth.geom_id >= 0
     assert seen.mean() > 0.3
     points = truth.position[seen].astype(np.float64)
-    camera = film.bound.model
+    camera = film.camera
     here, there = (opencv(camera, in_camera(points - step)) for step in (0, [0, 0.004, -0.006]))
     np.testing.assert_allclose(truth.flow[seen], (here - there) / 1e-3, rtol=1e-3, atol=0.1)
     np.testing.assert_allclose(project(camera, in_camera(points)), here, atol=1e-9)
 
 
 def test_raster_refuses_a_lens() -> None:
-    film = Film(ROOM, PLUMB_BOB)
+    film = film_of(ROOM, PLUMB_BOB)
     with pytest.raises(EvsError, match="no lens distortion"):
-        make_renderer(film.scene, film.bound.model, RenderConfig(renderer="raster"), 1)
+        make_renderer(film.scene, film.camera, RenderConfig(renderer="raster"), 1)

@@ -6,14 +6,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
 from evs.emulator.base.scene import SceneSnapshot
-from evs.emulator.config import CameraConfig, FlickerConfig, RenderConfig
+from evs.emulator.config import CameraConfig, FlickerConfig
 from evs.emulator.render import NativeRenderer
-from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
+from reference.film import Film
 
 WIDTH, HEIGHT = 118, 90  # no multiple of a packet, nor of a block of them
 PACKETS = 30 * 23
@@ -58,42 +57,14 @@ MANY: list[dict[str, Any]] = [
 SAMPLES = pytest.mark.parametrize("render", MANY, ids=["1", "2", "4 adaptive"])
 
 
-class Set:
-    """A scene at one instant, which a film changes as it likes."""
+class Set(Film):
+    """A scene at one instant, which a script changes as it likes."""
 
     def __init__(self, tint: str = ".6 .6 .6", mirror: float = 0.3, *, head: bool = True) -> None:
         text = SCENE.format(tint=tint, mirror=mirror, head=int(head))
-        model = mujoco.MjModel.from_xml_string(text)
-        data = mujoco.MjData(model)
-        mujoco.mj_forward(model, data)
-        self.bound = bind_camera(model, "", WIDTH, HEIGHT, VIEW)
-        self.shot = SnapshotTaker(model, [self.bound]).snapshot(data, 1000)
-        self.scene = extract_scene(model)
+        super().__init__(text, (WIDTH, HEIGHT), VIEW)
         # the lamps keep their indices without a headlight
-        self.first = 0 if head else -1
-
-    def lamp(self, index: int, by: tuple[float, float, float]) -> None:
-        """Move a light."""
-        pos = self.shot.light_pos.copy()
-        pos[index + self.first] += by
-        self.shot = replace(self.shot, light_pos=pos)
-
-    def turn(self, index: int, towards: tuple[float, float, float]) -> None:
-        """Turn a light."""
-        direction = self.shot.light_dir.copy()
-        direction[index + self.first] = np.array(towards) / np.linalg.norm(towards)
-        self.shot = replace(self.shot, light_dir=direction)
-
-    def geom(self, index: int, by: tuple[float, float, float]) -> None:
-        """Move a geom."""
-        pos = self.shot.geom_pos.copy()
-        pos[index] += by
-        self.shot = replace(self.shot, geom_pos=pos)
-
-    def renderer(self, incremental: bool, threads: int = 1, **render: Any) -> NativeRenderer:
-        """A renderer of it."""
-        config = RenderConfig(incremental=incremental, **render)
-        return NativeRenderer(self.scene, self.bound.model, config, threads)
+        self.first_lamp = 0 if head else -1
 
 
 Script = Callable[[Set, int], None]
@@ -111,7 +82,7 @@ def tick(kept: NativeRenderer, full: NativeRenderer, shot: SceneSnapshot) -> tup
 
 def play(stage: Set, script: Script, ticks: int, **render: Any) -> Iterator[tuple[int, int]]:
     """The film of a script; yields what `tick` gives of each tick after the first."""
-    kept, full = stage.renderer(True, 2, **render), stage.renderer(False, **render)
+    kept, full = stage.renderer(2, **render), stage.renderer(incremental=False, **render)
     assert tick(kept, full, stage.shot) == (PACKETS, 0)
     for k in range(ticks):
         script(stage, k)
@@ -119,51 +90,51 @@ def play(stage: Set, script: Script, ticks: int, **render: Any) -> Iterator[tupl
 
 
 def carried(stage: Set, k: int) -> None:
-    stage.lamp(LAMP, (0.02, 0.01, 0.0))
+    stage.lamp(LAMP, 0.02, 0.01, 0.0)
 
 
 def away_and_back(stage: Set, k: int) -> None:
     """A lamp goes where it lights nothing that is seen and comes back; bodies move all the time."""
-    stage.geom(CAPSULE, (0.01, 0.0, 0.004))
-    stage.geom(SPHERE, (-0.02, 0.01, -0.005))
+    stage.geom(CAPSULE, 0.01, 0.0, 0.004)
+    stage.geom(SPHERE, -0.02, 0.01, -0.005)
     if k % 20 == 5:
-        stage.lamp(LAMP, (0.0, 40.0, 0.0))
+        stage.lamp(LAMP, 0.0, 40.0, 0.0)
     if k % 20 == 12:
-        stage.lamp(LAMP, (0.03, -40.0, 0.0))
+        stage.lamp(LAMP, 0.03, -40.0, 0.0)
 
 
 def away_and_back_over_a_moved_body(stage: Set, k: int) -> None:
     """While the lamp is away its shadow is nobody's concern; afterwards it is again."""
     if k == 2:
-        stage.lamp(LAMP, (0.0, 40.0, 0.0))
+        stage.lamp(LAMP, 0.0, 40.0, 0.0)
     if 2 < k < 10:
-        stage.geom(CAPSULE, (0.02, 0.0, 0.0))
+        stage.geom(CAPSULE, 0.02, 0.0, 0.0)
     if k == 12:
-        stage.lamp(LAMP, (0.3, -40.0, 0.0))
+        stage.lamp(LAMP, 0.3, -40.0, 0.0)
     if k > 14:
-        stage.geom(CAPSULE, (0.02, 0.0, 0.0))
+        stage.geom(CAPSULE, 0.02, 0.0, 0.0)
 
 
 def entering(stage: Set, k: int) -> None:
     """A spot that shone up turns down, step by step."""
-    stage.turn(LAMP, (np.sin(3.0 - 0.15 * k), 0.3, -np.cos(3.0 - 0.15 * k)))
+    stage.turn(LAMP, np.sin(3.0 - 0.15 * k), 0.3, -np.cos(3.0 - 0.15 * k))
 
 
 def stopping(stage: Set, k: int) -> None:
     """A lamp that casts no shadow and one that does move, stop, and bodies go on."""
     if k < 6:
-        stage.lamp(LAMP, (0.03, 0.0, 0.0))
-        stage.lamp(OTHER, (-0.03, 0.0, 0.0))
+        stage.lamp(LAMP, 0.03, 0.0, 0.0)
+        stage.lamp(OTHER, -0.03, 0.0, 0.0)
     if k > 3:
-        stage.geom(CAPSULE, (0.01, 0.01, 0.0))
+        stage.geom(CAPSULE, 0.01, 0.01, 0.0)
     if k > 12:
-        stage.geom(SPHERE, (-0.03, 0.0, 0.0))
+        stage.geom(SPHERE, -0.03, 0.0, 0.0)
 
 
 def together(stage: Set, k: int) -> None:
     """A lamp that goes with a body."""
-    stage.lamp(LAMP, (0.01, 0.0, -0.01))
-    stage.geom(CAPSULE, (0.01, 0.0, -0.01))
+    stage.lamp(LAMP, 0.01, 0.0, -0.01)
+    stage.geom(CAPSULE, 0.01, 0.0, -0.01)
 
 
 SCRIPTS = [carried, away_and_back, away_and_back_over_a_moved_body, entering, stopping, together]
@@ -181,13 +152,7 @@ def test_the_light_is_that_of_full_frames(script: Script, render: dict[str, Any]
 @SAMPLES
 def test_colour_beside_the_luminance_too(render: dict[str, Any]) -> None:
     stage = Set()
-    config = RenderConfig(**render)
-    kept, full = (
-        NativeRenderer(
-            stage.scene, stage.bound.model, replace(config, incremental=incremental), 1, rgb=True
-        )
-        for incremental in (True, False)
-    )
+    kept, full = (stage.renderer(rgb=True, incremental=k, **render) for k in (True, False))
     for k in range(12):
         together(stage, k)
         tick(kept, full, stage.shot)
@@ -208,11 +173,11 @@ def test_lamps_that_pulse(light: str, render: dict[str, Any]) -> None:
     """Each of the four, those before the first that casts a shadow and those after it."""
     stage = Set()
     pulse = FlickerConfig(light=light, waveform="pwm", hz=125.0, depth=1.0, duty=0.5)
-    kept, full = (stage.renderer(k, flicker=(pulse,), **render) for k in (True, False))
+    kept, full = (stage.renderer(incremental=k, flicker=(pulse,), **render) for k in (True, False))
     for k in range(20):
         stage.shot = replace(stage.shot, t_us=1000 * (k + 1), exposure_us=1000)
         if k > 8:
-            stage.geom(CAPSULE, (0.01, 0.0, 0.0))
+            stage.geom(CAPSULE, 0.01, 0.0, 0.0)
         traced, relit = tick(kept, full, stage.shot)
         # four ticks on, four off
         if 0 < k <= 8 and k % 4:
@@ -221,10 +186,10 @@ def test_lamps_that_pulse(light: str, render: dict[str, Any]) -> None:
 
 def test_what_a_lamp_does_not_reach_is_left_alone() -> None:
     stage = Set()
-    renderer = stage.renderer(True, spp=1)
+    renderer = stage.renderer()
     shot, pose = stage.shot, stage.shot.cameras[0]
     before = renderer.render(shot, pose).copy()
-    stage.lamp(LAMP, (0.02, 0.01, 0.0))
+    stage.lamp(LAMP, 0.02, 0.01, 0.0)
     after = renderer.render(stage.shot, pose)
     changed = np.zeros((23 * 4, 30 * 4), np.bool_)
     changed[:HEIGHT, :WIDTH] = before != after
@@ -242,12 +207,12 @@ def test_shapes_alone_are_lit_again_and_not_traced() -> None:
 
 def test_a_lamp_out_of_sight_costs_nothing() -> None:
     stage = Set()
-    stage.lamp(LAMP, (0.0, 40.0, 0.0))
-    stage.lamp(OTHER, (0.0, 40.0, 0.0))
+    stage.lamp(LAMP, 0.0, 40.0, 0.0)
+    stage.lamp(OTHER, 0.0, 40.0, 0.0)
 
     def wander(stage: Set, k: int) -> None:
-        stage.lamp(LAMP, (0.1, 0.0, 0.0))
-        stage.turn(OTHER, (1.0, 0.1 * k, -1.0))
+        stage.lamp(LAMP, 0.1, 0.0, 0.0)
+        stage.turn(OTHER, 1.0, 0.1 * k, -1.0)
 
     assert set(play(stage, wander, 10, spp=1)) == {(0, 0)}
 
@@ -255,10 +220,10 @@ def test_a_lamp_out_of_sight_costs_nothing() -> None:
 def test_a_shadow_that_moves_is_lit_again_and_not_traced() -> None:
     """A body behind the camera: nothing else of it is seen."""
     stage = Set(mirror=0.0)
-    stage.geom(SPHERE, (-1.6, 0.3, 1.0))
+    stage.geom(SPHERE, -1.6, 0.3, 1.0)
 
     def drift(stage: Set, k: int) -> None:
-        stage.geom(SPHERE, (0.01, 0.0, 0.0))
+        stage.geom(SPHERE, 0.01, 0.0, 0.0)
 
     counts = list(play(stage, drift, 10, spp=1))
     assert sum(relit for _, relit in counts) > sum(traced for traced, _ in counts)
@@ -272,14 +237,14 @@ def test_lamps_and_bodies_at_random(seed: int) -> None:
     def script(stage: Set, k: int) -> None:
         move = rng.normal(size=(4, 3)) * jumps[k]
         if rng.random() < 0.5:
-            stage.lamp(LAMP, tuple(move[0]))
+            stage.lamp(LAMP, *move[0])
         if rng.random() < 0.2:
-            stage.turn(LAMP, tuple(rng.normal(size=3)))
+            stage.turn(LAMP, *rng.normal(size=3))
         if rng.random() < 0.3:
-            stage.lamp(OTHER, tuple(move[1]))
+            stage.lamp(OTHER, *move[1])
         for geom, by in ((CAPSULE, move[2]), (SPHERE, move[3])):
             if rng.random() < 0.5:
-                stage.geom(geom, tuple(0.2 * by))
+                stage.geom(geom, *0.2 * by)
 
     for _ in play(Set(mirror=0.3 * (seed % 2)), script, 60, **MANY[seed % 3]):
         pass

@@ -6,16 +6,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 
 from evs.emulator import _core
 from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.scene import F32, F64
-from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import make_renderer
-from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
+from evs.emulator.config import CameraConfig
+from reference.film import Film
 
 WIDTH, HEIGHT, TICKS = 75, 50, 40  # no multiple of a packet
 SCENE = """
@@ -71,27 +69,19 @@ def drift(count: int, tick: int, rng: np.random.Generator) -> F64:
     return np.tile([6e-3, 4e-3, 0.0], (count, 1))
 
 
-class Film:
+class Scene(Film):
     """A scene whose last geoms move."""
 
     def __init__(self, movers: str, still: str = "", lamps: str = "") -> None:
-        model = mujoco.MjModel.from_xml_string(SCENE.format(more=lamps, geoms=still + movers))
-        data = mujoco.MjData(model)
-        mujoco.mj_forward(model, data)
-        self.bound = bind_camera(model, "", WIDTH, HEIGHT, VIEW)
-        self.shot = SnapshotTaker(model, [self.bound]).snapshot(data, 0)
-        self.scene, self.count = extract_scene(model), movers.count("<geom")
-
-    def renderer(self, spp: int, threads: int = 1, **render: object) -> Renderer:
-        config = RenderConfig(renderer="path", spp=spp, **render)  # type: ignore[arg-type]
-        return make_renderer(self.scene, self.bound.model, config, threads)
+        super().__init__(SCENE.format(more=lamps, geoms=still + movers), (WIDTH, HEIGHT), VIEW)
+        self.count = movers.count("<geom")
 
     def move(self, step: Step, tick: int, rng: np.random.Generator) -> None:
         pos = self.shot.geom_pos.copy()
         pos[-self.count :] += step(self.count, tick, rng)
         self.shot = replace(self.shot, geom_pos=pos, t_us=1000 * tick, exposure_us=1000)
 
-    def light(self, renderer: Renderer) -> F32:
+    def seen_by(self, renderer: Renderer) -> F32:
         return renderer.render(self.shot, self.shot.cameras[0]).copy()
 
 
@@ -106,24 +96,27 @@ FILMS = {
 @pytest.mark.parametrize("step", [slowly, stop_and_go, drift])
 @pytest.mark.parametrize("film", FILMS)
 def test_the_light_is_that_of_full_frames(film: str, step: Step) -> None:
-    scene, rng = Film(*FILMS[film]), np.random.default_rng(list(FILMS).index(film))
+    scene, rng = Scene(*FILMS[film]), np.random.default_rng(list(FILMS).index(film))
     spp = 1 + list(FILMS).index(film)
-    full = scene.renderer(spp, threads=2, incremental=False)
-    kept = [scene.renderer(spp, isa=isa) for isa in _core.isa_available()]
-    kept.append(scene.renderer(spp, threads=3))
+    path = {"renderer": "path", "spp": spp}
+    full = scene.renderer(2, incremental=False, **path)
+    kept = [scene.renderer(isa=isa, **path) for isa in _core.isa_available()]
+    kept.append(scene.renderer(3, **path))
     for tick in range(TICKS):
-        light = scene.light(full)
+        light = scene.seen_by(full)
         for other in kept:
-            np.testing.assert_array_equal(scene.light(other), light, str(tick))
+            np.testing.assert_array_equal(scene.seen_by(other), light, str(tick))
         assert len({other.traced_fraction for other in kept}) == 1
         scene.move(step, tick, rng)
 
 
 def test_lamps_begin_to_move_after_a_while() -> None:
-    scene, rng = Film(CAPSULES, WALL), np.random.default_rng(0)
-    full, kept = scene.renderer(2, incremental=False), scene.renderer(2)
+    scene, rng = Scene(CAPSULES, WALL), np.random.default_rng(0)
+    full, kept = (
+        scene.renderer(renderer="path", spp=2, incremental=kept) for kept in (False, True)
+    )
     for tick in range(TICKS):
-        np.testing.assert_array_equal(scene.light(kept), scene.light(full), str(tick))
+        np.testing.assert_array_equal(scene.seen_by(kept), scene.seen_by(full), str(tick))
         scene.move(slowly, tick, rng)
         if 5 <= tick < 10 or 25 <= tick < 28:
             lamps = scene.shot.light_pos + [0.01, 0.0, 0.0]
@@ -132,12 +125,12 @@ def test_lamps_begin_to_move_after_a_while() -> None:
 
 @pytest.mark.parametrize("step", [slowly, drift])
 def test_little_more_is_traced_than_changes(step: Step) -> None:
-    scene, rng = Film(CAPSULES, WALL), np.random.default_rng(0)
-    renderer = scene.renderer(1)
-    before, traced, changed = scene.light(renderer), 0.0, 0.0
+    scene, rng = Scene(CAPSULES, WALL), np.random.default_rng(0)
+    renderer = scene.renderer(renderer="path")
+    before, traced, changed = scene.seen_by(renderer), 0.0, 0.0
     for tick in range(TICKS):
         scene.move(step, tick, rng)
-        after = scene.light(renderer)
+        after = scene.seen_by(renderer)
         # the first time that something moves everything is traced
         if tick:
             traced += renderer.traced_fraction

@@ -6,16 +6,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.scene import LightKind, SceneModel
-from evs.emulator.config import CameraConfig, FlickerConfig, RenderConfig
-from evs.emulator.render import make_renderer
-from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
+from evs.emulator.config import CameraConfig, FlickerConfig
+from reference.film import Film
 
 WIDTH, HEIGHT = 75, 50  # no multiple of a packet
 TICKS = 14
@@ -67,42 +64,19 @@ SPOT, SUN, BULB = 1, 2, 3
 """indices of lights: the headlight comes first"""
 
 
-class Film:
+class Scene(Film):
     """A scene whose capsule moves, and its lamps as `script` has it."""
 
     def __init__(
         self, geoms: str, change: Callable[[SceneModel], SceneModel] | None = None
     ) -> None:
-        model = mujoco.MjModel.from_xml_string(SCENE.format(geoms=geoms))
-        data = mujoco.MjData(model)
-        mujoco.mj_forward(model, data)
-        self.bound = bind_camera(model, "", WIDTH, HEIGHT, VIEW)
-        self.shot = SnapshotTaker(model, [self.bound]).snapshot(data, 0)
-        self.scene = extract_scene(model)
+        super().__init__(SCENE.format(geoms=geoms), (WIDTH, HEIGHT), VIEW)
         if change:
             self.scene = change(self.scene)
 
-    def lamp(self, index: int, *by: float) -> None:
-        pos = self.shot.light_pos.copy()
-        pos[index] += by
-        self.shot = replace(self.shot, light_pos=pos)
-
-    def turn(self, index: int, *towards: float) -> None:
-        direction = self.shot.light_dir.copy()
-        direction[index] = np.array(towards) / np.linalg.norm(towards)
-        self.shot = replace(self.shot, light_dir=direction)
-
-    def geom(self, index: int, *by: float) -> None:
-        pos = self.shot.geom_pos.copy()
-        pos[index] += by
-        self.shot = replace(self.shot, geom_pos=pos)
-
-    def renderer(self, threads: int = 1, **render: Any) -> Renderer:
-        config = RenderConfig(renderer="path", **{"spp": 2, **render})
-        return make_renderer(self.scene, self.bound.model, config, threads)
-
     def check(self, script: Callable[[Film, int], None], **render: Any) -> float:
         """The light is that of full frames, tick after tick. Out: the share that was traced."""
+        render = {"renderer": "path", "spp": 2, **render}
         full = self.renderer(incremental=False, **render)
         kept = [self.renderer(threads=2, **render)]
         kept += [self.renderer(isa=isa, **render) for isa in _core.isa_available()]
@@ -183,18 +157,18 @@ MANY: list[dict[str, Any]] = [
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_light_is_that_of_full_frames(kind: str, script: Script) -> None:
     number = list(KINDS).index(kind) + SCRIPTS.index(script)
-    traced = Film(KINDS[kind]).check(script, **MANY[number % len(MANY)])
+    traced = Scene(KINDS[kind]).check(script, **MANY[number % len(MANY)])
     assert traced < 0.9
 
 
 def test_a_shape_that_turns_in_its_place_shows_another_colour() -> None:
-    Film(KINDS["sphere"]).check(roll)
+    Scene(KINDS["sphere"]).check(roll)
 
 
 def test_lamps_that_pulse() -> None:
     for light in ("headlight", "0", "1", "2"):
         pulse = FlickerConfig(light=light, waveform="pwm", hz=125.0, depth=1.0, duty=0.5)
-        Film(KINDS["box"]).check(lambda film, tick: None, flicker=(pulse,))
+        Scene(KINDS["box"]).check(lambda film, tick: None, flicker=(pulse,))
 
 
 def two_spots(scene: SceneModel) -> SceneModel:
@@ -216,5 +190,5 @@ def leaving(film: Film, tick: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_where_no_lamp_shines_that_moves_the_light_is_that_of_full_frames(kind: str) -> None:
-    Film(KINDS[kind], two_spots).check(leaving)
-    Film(KINDS[kind], two_spots).check(away_and_back, bounces=1)
+    Scene(KINDS[kind], two_spots).check(leaving)
+    Scene(KINDS[kind], two_spots).check(away_and_back, bounces=1)
