@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 
 from evs.emulator.base.scene import CameraModel
-from evs.emulator.config import CameraConfig, RenderConfig
+from evs.emulator.config import CameraConfig
 from evs.emulator.optics import make_lens
-from evs.emulator.render import NativeRenderer, make_renderer
-from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
+from reference.film import Film
 
 WIDTH, HEIGHT = 61, 45
 CAMERA = CameraModel(WIDTH, HEIGHT, 40.0, 42.0, 29.0, 24.0)
@@ -39,14 +37,12 @@ ROOM = """
 
 def room_light(rgb: bool = False, **optics: object):
     """(renderer, snapshot, luminance) in the middle of a room that glows evenly."""
-    model = mujoco.MjModel.from_xml_string(ROOM)
     view = CameraConfig(
         body="eye", focal_px=(40.0, 42.0), principal_px=(29.0, 24.0), xyaxes=(0, -1, 0, 0, 0, 1)
     )
-    bound = bind_camera(model, "", WIDTH, HEIGHT, replace(view, **optics))
-    snapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-    renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(spp=2), 2, rgb)
-    return renderer, snapshot, renderer.render(snapshot, snapshot.cameras[0])
+    film = Film(ROOM, (WIDTH, HEIGHT), replace(view, **optics))
+    renderer = film.renderer(2, rgb=rgb, spp=2)
+    return renderer, film.shot, renderer.render(film.shot, film.shot.cameras[0])
 
 
 def test_the_room_is_even() -> None:
@@ -128,15 +124,11 @@ def test_an_orthographic_camera_may_have_a_polynomial() -> None:
 
 @pytest.mark.slow
 def test_the_raster_renderer_is_shaded_too() -> None:
-    model = mujoco.MjModel.from_xml_string(ROOM)
     lights = []
     for law in ("none", "cos4"):
         view = CameraConfig(body="eye", fovy=60, xyaxes=(0, -1, 0, 0, 0, 1), vignetting=law)
-        bound = bind_camera(model, "", WIDTH, HEIGHT, view)
-        snapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-        config = RenderConfig(renderer="raster", spp=1)
-        renderer = make_renderer(extract_scene(model), bound.model, config, 1)
-        lights.append(renderer.render(snapshot, snapshot.cameras[0]).copy())
-    share = make_lens(bound.model).share
+        film = Film(ROOM, (WIDTH, HEIGHT), view)
+        lights.append(film.light(renderer="raster"))
+    share = make_lens(film.camera).share
     assert lights[0].min() > 0.5
     np.testing.assert_allclose(lights[1], lights[0] * share, rtol=1e-6)

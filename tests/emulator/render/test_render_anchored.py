@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 import pytest
 
 from evs.emulator.base.scene import F32
-from evs.emulator.config import RenderConfig
-from evs.emulator.render import make_renderer
-from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
+from reference.film import Film
 
 SIDE = 128
 PIXEL = 2 / SIDE
@@ -36,15 +33,8 @@ def see(
         spp: Samples per pixel.
         first: MJCF of a geom that is declared before the table.
     """
-    model = mujoco.MjModel.from_xml_string(
-        TABLE.format(shape=shape, first=first, shift="{:.9f} {:.9f} {:.9f}".format(*shift))
-    )
-    data = mujoco.MjData(model)
-    bound = bind_camera(model, "eye", SIDE, SIDE, None)
-    config = RenderConfig(renderer="path", sampler=sampler, spp=spp)
-    renderer = make_renderer(extract_scene(model), bound.model, config, 1)
-    shot = SnapshotTaker(model, [bound]).snapshot(data, 0)
-    return renderer.render(shot, shot.cameras[0]).copy()
+    xml = TABLE.format(shape=shape, first=first, shift="{:.9f} {:.9f} {:.9f}".format(*shift))
+    return Film(xml, (SIDE, SIDE)).light(renderer="path", sampler=sampler, spp=spp)
 
 
 def correlation(a: F32, b: F32) -> float:

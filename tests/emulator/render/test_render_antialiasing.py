@@ -5,18 +5,17 @@ Outlines of shapes are no such edges (test_render_outlines.py), so tests of edge
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.base.scene import F32, CameraPose, SceneSnapshot
+from evs.emulator.base.scene import F32, CameraPose
 from evs.emulator.camera.pixel_pipeline import make_event_model
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.sensor import resolve_sensor
-from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import Events, EvsError, join_events
+from reference.film import Film
 from reference.scenes import SAMPLED_OUTLINES
 
 WIDTH, HEIGHT = 67, 45  # no multiple of a packet
@@ -59,17 +58,15 @@ EDGES = """
 """
 
 
+DOWN = CameraConfig(lookat=(0, 0, 0), distance=2.5, azimuth=90, elevation=-90)
+
+
 def room(ticks: int, tint: str = ".5 .5 .5"):
     """(scene, camera, snapshots one a ms) of a body that falls, tumbling."""
-    model = mujoco.MjModel.from_xml_string(ROOM.format(tint=tint))
     view = CameraConfig(lookat=(0, 0, 0.3), distance=2.6, azimuth=70, elevation=-25)
-    bound = bind_camera(model, "", WIDTH, HEIGHT, view)
-    data, poser, taken = mujoco.MjData(model), SnapshotTaker(model, [bound]), []
-    data.qvel[3:] = (3, 5, 2)
-    for k in range(ticks):
-        taken.append(poser.snapshot(data, 1000 * k))
-        mujoco.mj_step(model, data)
-    return extract_scene(model), bound.model, taken
+    film = Film(ROOM.format(tint=tint), (WIDTH, HEIGHT), view)
+    film.data.qvel[3:] = (3, 5, 2)
+    return film.scene, film.camera, film.snapshots(ticks)
 
 
 def adaptive(scene, camera, threads: int = 1, rgb: bool = False, **render: object):
@@ -80,18 +77,12 @@ def adaptive(scene, camera, threads: int = 1, rgb: bool = False, **render: objec
 
 def pan(poses: int, step_px: float, angle: float, **render: object) -> F32:
     """(poses, h, w) light of EDGES from a camera that slides by step_px pixels a pose."""
-    model = mujoco.MjModel.from_xml_string(EDGES.format(angle=angle))
-    view = CameraConfig(lookat=(0, 0, 0), distance=2.5, azimuth=90, elevation=-90)
-    bound = bind_camera(model, "", WIDTH, HEIGHT, view)
-    frame: SceneSnapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-    rest = frame.cameras[0]
-    config = RenderConfig(**{"antialiasing": "fixed", **render})  # type: ignore[arg-type]
-    renderer = NativeRenderer(
-        extract_scene(model), bound.model, config, 1, switches=SAMPLED_OUTLINES
-    )
-    right = rest.mat.reshape(3, 3)[:, 0] * 2.5 / bound.model.fx
+    film = Film(EDGES.format(angle=angle), (WIDTH, HEIGHT), DOWN)
+    rest = film.shot.cameras[0]
+    renderer = film.renderer(switches=SAMPLED_OUTLINES, **{"antialiasing": "fixed", **render})
+    right = rest.mat.reshape(3, 3)[:, 0] * 2.5 / film.camera.fx
     return np.stack([
-        renderer.render(frame, CameraPose(rest.pos + right * (step_px * k), rest.mat)).copy()
+        renderer.render(film.shot, CameraPose(rest.pos + right * (step_px * k), rest.mat)).copy()
         for k in range(poses)
     ])  # fmt: skip
 
@@ -181,19 +172,12 @@ def test_light_that_bends_more_and_more_is_blended_in() -> None:
         <geom type="plane" size="5 5 .1" rgba=".5 .5 .5 1"/>
         <geom type="box" size=".4 .6 .01" pos="0 0 .1" euler="0 0 17" rgba="{c} {c} {c} 1"/>
       </worldbody></mujoco>"""
-    view = CameraConfig(lookat=(0, 0, 0), distance=2.5, azimuth=90, elevation=-90)
     frames = {"adaptive": [], "fixed": []}  # type: dict[str, list[F32]]
     shades = np.linspace(0.5, 0.56, 61)
     for shade in shades:
-        model = mujoco.MjModel.from_xml_string(xml.format(c=shade))
-        bound = bind_camera(model, "", WIDTH, HEIGHT, view)
-        frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
+        film = Film(xml.format(c=shade), (WIDTH, HEIGHT), DOWN)
         for mode, taken in frames.items():
-            config = RenderConfig(spp=16, antialiasing=mode)
-            renderer = NativeRenderer(
-                extract_scene(model), bound.model, config, 1, switches=SAMPLED_OUTLINES
-            )
-            taken.append(renderer.render(frame, frame.cameras[0]).copy())
+            taken.append(film.light(switches=SAMPLED_OUTLINES, spp=16, antialiasing=mode))
     light, full = np.stack(frames["adaptive"]), np.stack(frames["fixed"])
     # at first one sample stands for all, in the end all are there
     assert not np.array_equal(light[5], full[5])
@@ -267,24 +251,13 @@ def test_textures_of_planes_and_the_sky_are_read_at_several_points_of_a_pixel() 
         <material name="tiles" texture="tiles" texrepeat="5 5" texuniform="true"/>
       </asset>
       <worldbody><geom type="plane" size="0 0 .1" material="tiles"/></worldbody></mujoco>"""
-    model = mujoco.MjModel.from_xml_string(xml)
     view = CameraConfig(lookat=(0, 0, 0.5), distance=4, azimuth=65, elevation=-15)
-    bound = bind_camera(model, "", WIDTH, HEIGHT, view)
-    frame, scene = (
-        SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0),
-        extract_scene(model),
-    )
-
-    def light(**render: object) -> F32:
-        renderer = NativeRenderer(
-            scene, bound.model, RenderConfig(**{"antialiasing": "fixed", **render}), 1
-        )  # type: ignore[arg-type]
-        return renderer.render(frame, frame.cameras[0]).copy()
-
-    truth = light(spp=256)
-    one, four, some = (
-        light(spp=1), light(spp=4), light(spp=4, antialiasing="adaptive")
-    )  # fmt: skip
+    film = Film(xml, (WIDTH, HEIGHT), view)
+    # more samples than users may have
+    many = RenderConfig(spp=256, antialiasing="fixed")
+    truth = NativeRenderer(film.scene, film.camera, many, 1).render(film.shot, film.shot.cameras[0])
+    one, four = (film.light(spp=spp, antialiasing="fixed") for spp in (1, 4))
+    some = film.light(spp=4, antialiasing="adaptive")
     halves = {"sky": slice(0, HEIGHT // 4), "floor": slice(HEIGHT // 2, HEIGHT)}
     for rows in halves.values():
         error = [float(np.abs(a - truth)[rows].mean()) for a in (one, four, some)]

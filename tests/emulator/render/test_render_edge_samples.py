@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 
 from evs.emulator.base.scene import F32
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import make_renderer
-from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
+from reference.film import Film
 
 SIZE = 40
 SPP = 16
@@ -31,16 +30,13 @@ SKY = """<mujoco><asset><texture type="skybox" builtin="gradient" rgb1="1 1 1" r
 VIEW = CameraConfig(lookat=(0, 0, 0.4), distance=3, azimuth=80, elevation=-20)
 
 
-class Pictures:
+class Pictures(Film):
     """Pictures of a scene at an instant."""
 
     def __init__(self, scene: str) -> None:
-        model = mujoco.MjModel.from_xml_string(scene)
-        bound = bind_camera(model, "", SIZE, SIZE, VIEW)
-        self.shot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-        self.scene, self.camera = extract_scene(model), bound.model
+        super().__init__(scene, (SIZE, SIZE), VIEW)
 
-    def light(self, config: RenderConfig, seed: int) -> F32:
+    def picture(self, config: RenderConfig, seed: int) -> F32:
         renderer = make_renderer(self.scene, self.camera, config, 1, seed=seed)
         return renderer.render(self.shot, self.shot.cameras[0]).copy()
 
@@ -71,7 +67,7 @@ def test_edges_have_the_noise_of_all_samples_and_the_rest_that_of_a_quarter(
     pictures: Pictures,
 ) -> None:
     edges, everywhere, few = (
-        np.stack([pictures.light(config, seed) for seed in range(48)])
+        np.stack([pictures.picture(config, seed) for seed in range(48)])
         for config in (EDGES, EVERYWHERE, FEW)
     )
     geoms = pictures.geoms()
@@ -86,8 +82,8 @@ def test_edges_have_the_noise_of_all_samples_and_the_rest_that_of_a_quarter(
 
 
 def test_samples_at_edges_leave_the_mean(pictures: Pictures) -> None:
-    edges = np.stack([pictures.light(EDGES, seed) for seed in range(200)])
-    truth = pictures.light(replace(EVERYWHERE, spp=4096), 1000)
+    edges = np.stack([pictures.picture(EDGES, seed) for seed in range(200)])
+    truth = pictures.picture(replace(EVERYWHERE, spp=4096), 1000)
     off = (edges.mean(0) - truth) / (edges.std(0, ddof=1) / np.sqrt(len(edges)) + 1e-3)
     # Sidak: of 1600 pixels none is 5 deviations off in 1 of 1000 runs, the truth's noise left out
     assert np.abs(off).max() < 5.5
@@ -96,8 +92,8 @@ def test_samples_at_edges_leave_the_mean(pictures: Pictures) -> None:
 
 def test_light_without_edges_takes_a_quarter_of_the_samples() -> None:
     sky = Pictures(SKY)
-    one, other = (sky.light(replace(EDGES, spp=spp), 3) for spp in (16, 4))
-    few = sky.light(FEW, 3)
+    one, other = (sky.picture(replace(EDGES, spp=spp), 3) for spp in (16, 4))
+    few = sky.picture(FEW, 3)
     assert one.std() > 0.05
     # different points of the same smooth sky
     np.testing.assert_allclose(one, few, rtol=0.03)
@@ -105,8 +101,8 @@ def test_light_without_edges_takes_a_quarter_of_the_samples() -> None:
 
 
 def test_one_sample_is_one_sample(pictures: Pictures) -> None:
-    one = pictures.light(replace(EDGES, spp=1), 5)
-    np.testing.assert_array_equal(one, pictures.light(replace(EVERYWHERE, spp=1), 5))
+    one = pictures.picture(replace(EDGES, spp=1), 5)
+    np.testing.assert_array_equal(one, pictures.picture(replace(EVERYWHERE, spp=1), 5))
 
 
 def test_the_quarters_of_a_cycle_are_as_even_as_one_set_of_as_many_samples(
@@ -114,7 +110,7 @@ def test_the_quarters_of_a_cycle_are_as_even_as_one_set_of_as_many_samples(
 ) -> None:
     flat = far_from_edges(pictures.geoms())
     edges, quarter, sixteen = (
-        noise(np.stack([pictures.light(config, seed) for seed in range(48)]), flat)
+        noise(np.stack([pictures.picture(config, seed) for seed in range(48)]), flat)
         for config in (replace(EDGES, seeds="cycle"), replace(FEW, seeds="cycle"), EVERYWHERE)
     )
     # measured: 1.00 to 1.06 of each other; with quarters that are chosen at random, 1.2

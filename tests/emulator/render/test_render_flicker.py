@@ -14,8 +14,9 @@ from evs.emulator.config.decoding import plain_config
 from evs.emulator.render import NativeRenderer
 from evs.emulator.render.flicker import Flicker, mean
 from evs.emulator.simulation.world import World
-from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
+from evs.emulator.world import extract_scene
 from evs.msgs import EvsError
+from reference.film import Film
 
 LAMPS = """<mujoco><visual><headlight ambient=".1 .1 .1" diffuse="0 0 0" specular="0 0 0"/></visual>
   <worldbody>
@@ -89,12 +90,9 @@ def test_an_instant_has_its_own_value() -> None:
 
 
 def light_at(config: RenderConfig, t_us: int, exposure_us: int = 1000) -> np.ndarray:
-    model = mujoco.MjModel.from_xml_string(LAMPS)
-    bound = bind_camera(model, "", 16, 16)
-    shot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), t_us, exposure_us)
-    return NativeRenderer(extract_scene(model), bound.model, config, 1).render(
-        shot, shot.cameras[0]
-    )
+    film = Film(LAMPS, (16, 16))
+    shot = film.taker.snapshot(film.data, t_us, exposure_us)
+    return NativeRenderer(film.scene, film.camera, config, 1).render(shot, shot.cameras[0])
 
 
 def test_each_light_follows_its_own_table_and_a_name_beats_the_star() -> None:
@@ -123,19 +121,12 @@ def test_each_light_follows_its_own_table_and_a_name_beats_the_star() -> None:
 
 
 def test_kept_pixels_are_lit_anew_when_the_light_changes() -> None:
-    model = mujoco.MjModel.from_xml_string(LAMPS)
-    bound = bind_camera(model, "", 40, 30)
-    poser, data, scene = SnapshotTaker(model, [bound]), mujoco.MjData(model), extract_scene(model)
+    film = Film(LAMPS, (40, 30))
     slow = FlickerConfig(light="left", waveform="pwm", hz=125.0, depth=1.0, duty=0.5)
-    kept, full = (
-        NativeRenderer(
-            scene, bound.model, RenderConfig(spp=1, incremental=kept, flicker=(slow,)), 1
-        )
-        for kept in (True, False)
-    )
+    kept, full = (film.renderer(incremental=k, flicker=(slow,)) for k in (True, False))
     again = []
     for k in range(1, 20):
-        shot = poser.snapshot(data, 1000 * k, 1000)
+        shot = film.taker.snapshot(film.data, 1000 * k, 1000)
         pose = shot.cameras[0]
         before = kept.work
         assert kept.render(shot, pose).tobytes() == full.render(shot, pose).tobytes()

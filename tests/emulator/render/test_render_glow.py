@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from evs.emulator.base.scene import SceneSnapshot
-from evs.emulator.config import RenderConfig
-from evs.emulator.render import make_renderer
-from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
+from reference.film import Film
 from reference.scenes import SAMPLED_OUTLINES
 
 F64 = npt.NDArray[np.float64]
@@ -25,22 +25,17 @@ CORNER = """<geom type="plane" size="2 2 1" material="paper"/>
   <geom type="plane" size="2 2 1" pos="-1 0 1" euler="0 90 0" material="paper"/>"""
 
 
-class Scene:
+class Scene(Film):
     def __init__(self, world: str) -> None:
         xml = f"<mujoco>{ASSETS}<worldbody>{world}{CAMERA}</worldbody></mujoco>"
-        self.model = mujoco.MjModel.from_xml_string(xml)
-        self.data = mujoco.MjData(self.model)
-        self.bound = bind_camera(self.model, "", WIDTH, HEIGHT)
-        self.taker = SnapshotTaker(self.model, [self.bound])
-        self.scene = extract_scene(self.model)
+        super().__init__(xml, (WIDTH, HEIGHT))
 
-    def shot(self, tick: int = 0) -> SceneSnapshot:
+    def seen(self, tick: int = 0) -> SceneSnapshot:
         mujoco.mj_forward(self.model, self.data)
         return self.taker.snapshot(self.data, 1000 * tick, 1000)
 
-    def renderer(self, renderer: str = "hybrid", **render: object):  # type: ignore[no-untyped-def]
-        config = RenderConfig(**{"renderer": renderer, "spp": 1, **render})  # type: ignore[arg-type]
-        return make_renderer(self.scene, self.bound.model, config, 1, switches=SAMPLED_OUTLINES)
+    def renderer(self, threads: int = 1, **how: Any) -> Any:
+        return super().renderer(threads, SAMPLED_OUTLINES, **{"renderer": "hybrid", **how})
 
 
 def surface_of(shape: str, size: F64, n: int = 120) -> tuple[F64, F64, F64]:
@@ -84,10 +79,10 @@ def test_light_of_a_glowing_geom_is_the_integral_over_its_surface(
     lamp: str, lit: tuple[int, ...]
 ) -> None:
     scene = Scene(f'{CORNER}<geom {lamp} material="lamp"/>')
-    shot = scene.shot()
+    shot = scene.seen()
     pose = shot.cameras[0]
     seen = scene.renderer(bounces=0).render(shot, pose)
-    truth = scene.renderer("direct").ground_truth(shot, pose)
+    truth = scene.renderer(renderer="direct").ground_truth(shot, pose)
     geom = scene.model.geom(3)
     shape = {0: "plane", 2: "sphere", 6: "box"}[int(geom.type[0])]
     turn, at = scene.data.geom_xmat[3].reshape(3, 3), scene.data.geom_xpos[3]
@@ -132,12 +127,12 @@ def test_a_lamp_that_spins_in_place_keeps_its_light(shape: str, renderer: str, m
     lights = []
     for more in ("", dim):
         scene = Scene(world + more)
-        one = scene.renderer(renderer, spp=4, bounces=1)
+        one = scene.renderer(renderer=renderer, spp=4, bounces=1)
         for tick in range(24 if more else 1):
             half = 0.05 * tick
             turn = np.array(axis) / np.linalg.norm(axis) * np.sin(half)
             scene.data.mocap_quat[0] = [np.cos(half), *turn]
-            shot = scene.shot(tick)
+            shot = scene.seen(tick)
             lights.append(np.log(one.render(shot, shot.cameras[0]) + 1e-4))
     swing = np.ptp(lights[1:], axis=0)
     assert np.median(swing) < 0.2 * most

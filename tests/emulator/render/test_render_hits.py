@@ -13,6 +13,7 @@ from evs.emulator.base.scene import CameraModel
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene, load_model
+from reference.film import Film
 
 Rays = Callable[[CameraModel], np.ndarray]
 
@@ -101,15 +102,13 @@ def test_every_shape_agrees_with_mujoco(azimuth: int, camera_rays: Rays) -> None
 
 
 def test_orthographic_depth_is_exact() -> None:
-    model = mujoco.MjModel.from_xml_string("""
+    xml = """
       <mujoco><worldbody>
         <camera name="above" pos="0 0 3" projection="orthographic" fovy="2"/>
         <geom type="box" size=".5 .25 .5"/>
-      </worldbody></mujoco>""")
-    bound = bind_camera(model, "above", 40, 40)
-    snapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-    renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
-    index, distance = renderer.hits(snapshot, snapshot.cameras[0])
+      </worldbody></mujoco>"""
+    film = Film(xml, (40, 40))
+    index, distance = film.renderer().hits(film.shot, film.shot.cameras[0])
     # 20 px a m: the lid is 20 x 10 px in the middle, 2.5 m below the camera
     expected = np.full((40, 40), -1)
     expected[15:25, 10:30] = 0
@@ -118,14 +117,12 @@ def test_orthographic_depth_is_exact() -> None:
 
 
 def test_a_camera_inside_a_shape_sees_through_it() -> None:
-    model = mujoco.MjModel.from_xml_string("""
+    xml = """
       <mujoco><worldbody>
         <camera name="eye" pos="0 0 0" xyaxes="1 0 0 0 0 1"/>
         <geom type="sphere" size=".3"/>
         <geom type="box" size="5 .1 5" pos="0 2 0"/>
-      </worldbody></mujoco>""")
-    bound = bind_camera(model, "eye", 16, 16)
-    snapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-    renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
-    index, _ = renderer.hits(snapshot, snapshot.cameras[0])
+      </worldbody></mujoco>"""
+    film = Film(xml, (16, 16))
+    index, _ = film.renderer().hits(film.shot, film.shot.cameras[0])
     assert (index == 1).all()

@@ -8,11 +8,10 @@ import pytest
 
 from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.scene import F32, CameraPose
-from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import make_renderer
+from evs.emulator.config import CameraConfig
 from evs.emulator.sensor import PlainModel, SensorParameters
-from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import Events, join_events
+from reference.film import Film
 
 WIDTH, HEIGHT = 24, 144
 CAMERA_M, RIM_M, HAZE = 3.0, 0.7 * 50, 0.4
@@ -38,10 +37,8 @@ def film(
     model: mujoco.MjModel, camera: str, ticks: int, pitch: float, **render: object
 ) -> tuple[F32, Renderer]:
     """(ticks, height, width) light of a camera that pitches up and down by so many rad."""
-    bound = bind_camera(model, camera, WIDTH, HEIGHT, CameraConfig())
-    shot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-    config = RenderConfig(**render)  # type: ignore[arg-type]
-    renderer = make_renderer(extract_scene(model), bound.model, config, 1)
+    seen = Film(model, (WIDTH, HEIGHT), CameraConfig(), camera)
+    renderer, shot = seen.renderer(**{"spp": None, **render}), seen.shot
     rest, frames = shot.cameras[0], []
     for k in range(ticks):
         angle = pitch * np.sin(2 * np.pi * k / ticks)

@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.base.scene import F32, U8
-from evs.emulator.config import RenderConfig
-from evs.emulator.render import make_renderer
-from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
+from reference.film import Film
 from reference.memory import PEAK
 
 SIDE = 2048
@@ -30,11 +28,7 @@ def picture_of(side: int, repeat: int, fill: U8 | None, rgb: bool, renderer: str
       <camera pos=".1 -.1 .02" xyaxes="1 0 0 0 .3 1" fovy="60"/></worldbody></mujoco>""")
     if fill is not None:
         model.tex_data[:] = fill.ravel()
-    bound = bind_camera(model, "", 48, 36)
-    shot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-    config = RenderConfig(renderer=renderer, spp=4)
-    one = make_renderer(extract_scene(model), bound.model, config, 1, rgb=rgb)
-    return one.render(shot, shot.cameras[0])
+    return Film(model, (48, 36)).light(rgb=rgb, renderer=renderer, spp=4)
 
 
 @pytest.mark.parametrize("renderer", ["direct", "hybrid", "path"])

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
 from evs.emulator.base.scene import F32
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import NativeRenderer, make_renderer
-from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
+from reference.film import Film
 
 ROOM = """<mujoco><visual><headlight ambient=".1 .1 .1" diffuse="0 0 0"/></visual><asset>
     <material name="wall" rgba=".8 .7 .6 1" specular=".2"/>
@@ -28,24 +26,17 @@ ROOM = """<mujoco><visual><headlight ambient=".1 .1 .1" diffuse="0 0 0"/></visua
     </worldbody></mujoco>"""
 
 
-class Room:
+class Room(Film):
     """A glowing ball, a bulb, a mirror and a capsule that can move."""
 
     def __init__(self, view: CameraConfig | None = None) -> None:
-        self.model = mujoco.MjModel.from_xml_string(ROOM)
-        self.data = mujoco.MjData(self.model)
-        self.bound = bind_camera(self.model, "eye", 37, 29, view)
-        self.scene = extract_scene(self.model)
-        self.poser = SnapshotTaker(self.model, [self.bound])
+        super().__init__(ROOM, (37, 29), view)
 
-    def renderer(self, threads: int = 2, seed: int = 0, **render: object) -> NativeRenderer:
-        config = RenderConfig(**{"renderer": "path", **render})  # type: ignore[arg-type]
-        made = make_renderer(self.scene, self.bound.model, config, threads, True, seed)
-        assert isinstance(made, NativeRenderer)
-        return made
+    def renderer(self, threads: int = 2, **how: Any) -> NativeRenderer:
+        return super().renderer(threads, rgb=True, **{"renderer": "path", "spp": None, **how})
 
     def see(self, renderer: NativeRenderer, t_us: int = 0) -> F32:
-        shot = self.poser.snapshot(self.data, t_us)
+        shot = self.taker.snapshot(self.data, t_us)
         return renderer.render(shot, shot.cameras[0]).copy()
 
 
@@ -116,7 +107,7 @@ def test_single_pixels_have_the_light_of_the_frame(
 ) -> None:
     room = Room(view)
     renderer = room.renderer(seeds="fresh", **render)
-    shot = room.poser.snapshot(room.data, 5000)
+    shot = room.taker.snapshot(room.data, 5000)
     frame = renderer.render(shot, shot.cameras[0]).copy()
     pixels = np.stack(np.meshgrid(np.arange(37), np.arange(29)), -1).reshape(-1, 2)[::-1]
     single = renderer.trace(shot, shot.cameras[0], pixels.astype(np.int32))
@@ -138,43 +129,27 @@ def test_colour_is_the_luminance_in_parts(room: Room, antialiasing: str) -> None
 @pytest.mark.slow
 def test_a_mirror_looks_the_sky_up_as_wide_as_its_samples_are() -> None:
     """A floor that mirrors a fifth of a starry sky, as in dm_control: few of the samples see it."""
-    model = mujoco.MjModel.from_xml_string("""<mujoco><visual><headlight active="0"/></visual>
+    xml = """<mujoco><visual><headlight active="0"/></visual>
         <asset><texture type="skybox" builtin="gradient" rgb1=".4 .6 .8" rgb2="0 0 0" width="400"
             height="2400" mark="random" markrgb="1 1 1"/>
         <material name="m" rgba=".2 .2 .2 1" reflectance=".2"/></asset><worldbody>
-        <geom type="plane" size="9 9 .1" material="m"/></worldbody></mujoco>""")
-    bound = bind_camera(
-        model, "", 40, 30, CameraConfig(lookat=(0, 0, 0), distance=3, elevation=-35)
-    )
-    shot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-    scene = extract_scene(model)
+        <geom type="plane" size="9 9 .1" material="m"/></worldbody></mujoco>"""
+    film = Film(xml, (40, 30), CameraConfig(lookat=(0, 0, 0), distance=3, elevation=-35))
     # a lookup of the pixel's share of one of all samples leaves 0.075, 0.077 and 0.062, and samples
     # that choose the mirror at random leave 0.050, 0.034 and 0.033
     for spp, measured in ((4, 0.050), (16, 0.029), (64, 0.024)):
-        config = RenderConfig(renderer="path", spp=spp)
-        pictures = [
-            make_renderer(scene, bound.model, config, 1, seed=seed)
-            .render(shot, shot.cameras[0])
-            .copy()
-            for seed in range(24)
-        ]
+        pictures = [film.light(renderer="path", spp=spp, seed=seed) for seed in range(24)]
         variance = np.log(np.stack(pictures) + 1e-3).var(0, ddof=1)
         assert np.sqrt(variance.mean()) < 1.08 * measured, spp
 
 
 def test_hard_light_without_bounces_is_that_of_direct() -> None:
     """One white Lambert floor under a distant light: there both integrators are exact."""
-    model = mujoco.MjModel.from_xml_string("""<mujoco><visual><headlight active="0"/></visual>
+    xml = """<mujoco><visual><headlight active="0"/></visual>
         <asset><material name="m" rgba=".5 .5 .5 1" specular="0"/></asset><worldbody>
         <camera pos="0 0 3"/><light type="directional" dir="0 .6 -.8" diffuse=".7 .7 .7"/>
-        <geom type="plane" size="9 9 .1" material="m"/></worldbody></mujoco>""")
-    bound = bind_camera(model, "", 16, 16, None)
-    shot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-    scene = extract_scene(model)
-    config = RenderConfig(renderer="path", spp=1)
-    path = make_renderer(scene, bound.model, config, 1).render(shot, shot.cameras[0])
-    config = replace(config, renderer="direct")
-    direct = make_renderer(scene, bound.model, config, 1).render(shot, shot.cameras[0])
+        <geom type="plane" size="9 9 .1" material="m"/></worldbody></mujoco>"""
+    path, direct = (Film(xml, (16, 16)).light(renderer=name) for name in ("path", "direct"))
     np.testing.assert_allclose(path, direct, rtol=1e-5)
 
 
@@ -194,6 +169,6 @@ def test_bad_values_are_refused_in_one_line(
 ) -> None:
     config = RenderConfig(**{"renderer": "path", **wrong})  # type: ignore[arg-type]
     with pytest.raises(EvsError) as caught:
-        make_renderer(room.scene, room.bound.model, config, 1)
+        make_renderer(room.scene, room.camera, config, 1)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)

@@ -5,16 +5,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.base.scene import CameraPose, SceneSnapshot
-from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import NativeRenderer, make_renderer
-from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
+from evs.emulator.base.scene import CameraPose
+from evs.emulator.config import CameraConfig
+from evs.emulator.render import make_renderer
+from reference.film import Film
 from reference.path_stages import metal_bulb
 
 WIDTH, HEIGHT = 117, 83  # no multiple of a packet
@@ -54,34 +55,20 @@ SCENE = """
 VIEW = CameraConfig(lookat=(0, 0, 0.3), distance=2.6, azimuth=70, elevation=-25)
 
 
-class Film:
-    """A scene, its motion, and renderers for it."""
+class Tumbling(Film):
+    """A body that falls, tumbling, and renderers with two samples a pixel."""
 
     def __init__(self, tint: str = ".5 .5 .5") -> None:
-        self.model = mujoco.MjModel.from_xml_string(SCENE.format(tint=tint))
-        self.scene = extract_scene(self.model)
-        self.bound = bind_camera(self.model, "", WIDTH, HEIGHT, VIEW)
+        super().__init__(SCENE.format(tint=tint), (WIDTH, HEIGHT), VIEW)
+        self.data.qvel[3:] = (3, 5, 2)
 
-    def snapshots(self, ticks: int) -> list[SceneSnapshot]:
-        """One a ms: a body that falls, tumbling."""
-        data = mujoco.MjData(self.model)
-        data.qvel[3:] = (3, 5, 2)
-        poser = SnapshotTaker(self.model, [self.bound])
-        taken = []
-        for k in range(ticks):
-            taken.append(poser.snapshot(data, 1000 * k))
-            mujoco.mj_step(self.model, data)
-        return taken
-
-    def renderer(self, threads: int = 1, **render: object) -> NativeRenderer:
-        """A renderer of this scene with 2 samples a pixel."""
-        config = RenderConfig(spp=2, **render)  # type: ignore[arg-type]
-        return NativeRenderer(self.scene, self.bound.model, config, threads)
+    def renderer(self, threads: int = 1, **how: Any) -> Any:
+        return super().renderer(threads, **{"spp": 2, **how})
 
 
 @pytest.mark.parametrize("tint", [".5 .5 .5", ".5 .3 .2"], ids=["grey", "coloured"])
 def test_every_instruction_set_and_thread_count_gives_the_same_bytes(tint: str) -> None:
-    film = Film(tint)
+    film = Tumbling(tint)
     frames = film.snapshots(30)[::10]
     reference = film.renderer(isa="portable", incremental=False)
     others = [
@@ -95,7 +82,7 @@ def test_every_instruction_set_and_thread_count_gives_the_same_bytes(tint: str) 
 
 
 def test_every_instruction_set_hits_the_same() -> None:
-    film = Film()
+    film = Tumbling()
     frame = film.snapshots(1)[0]
     hits = [film.renderer(isa=isa).hits(frame, frame.cameras[0]) for isa in _core.isa_available()]
     for geom, distance in hits:
@@ -105,7 +92,7 @@ def test_every_instruction_set_hits_the_same() -> None:
 
 def test_grey_lights_carry_one_channel_and_the_same_light() -> None:
     # a light that is grey but for a rounding error has to be traced in colour
-    one, three = Film(".5 .5 .5"), Film(".5 .5 .5000001")
+    one, three = Tumbling(".5 .5 .5"), Tumbling(".5 .5 .5000001")
     frame = one.snapshots(1)[0]
     a, b = one.renderer(), three.renderer()
     assert (a._caster.channels, b._caster.channels) == (1, 3)
@@ -114,7 +101,7 @@ def test_grey_lights_carry_one_channel_and_the_same_light() -> None:
 
 
 def test_incremental_equals_full_tracing() -> None:
-    film = Film()
+    film = Tumbling()
     kept, full = film.renderer(incremental=True), film.renderer(incremental=False)
     fractions = []
     for frame in film.snapshots(200):
@@ -127,7 +114,7 @@ def test_incremental_equals_full_tracing() -> None:
 
 
 def test_incremental_with_nothing_moving_traces_nothing() -> None:
-    film = Film()
+    film = Tumbling()
     frame = film.snapshots(1)[0]
     renderer = film.renderer()
     first = renderer.render(frame, frame.cameras[0]).copy()
@@ -137,7 +124,7 @@ def test_incremental_with_nothing_moving_traces_nothing() -> None:
 
 
 def test_incremental_with_a_camera_that_moves_and_rests() -> None:
-    film = Film()
+    film = Tumbling()
     kept, full = film.renderer(incremental=True), film.renderer(incremental=False)
     for k, frame in enumerate(film.snapshots(40)):
         rest = frame.cameras[0]
@@ -155,17 +142,13 @@ def test_incremental_with_a_camera_that_moves_and_rests() -> None:
 def test_incremental_equals_full_tracing_on_robots(name: str, robot_files: dict[str, Path]) -> None:
     model = mujoco.MjModel.from_xml_path(str(robot_files[name]))
     model.opt.timestep = 1e-3
-    bound = bind_camera(model, "", WIDTH, HEIGHT, CameraConfig(azimuth=70, elevation=-20))
-    poser, scene, data = SnapshotTaker(model, [bound]), extract_scene(model), mujoco.MjData(model)
-    kept, full = (
-        NativeRenderer(scene, bound.model, RenderConfig(spp=1, incremental=incremental), 2)
-        for incremental in (True, False)
-    )
+    film = Film(model, (WIDTH, HEIGHT), CameraConfig(azimuth=70, elevation=-20))
+    kept, full = film.renderer(2), film.renderer(2, incremental=False)
     rng = np.random.default_rng(1)
     for _ in range(200):
-        data.ctrl[:] = rng.uniform(-0.4, 0.4, model.nu)
-        mujoco.mj_step(model, data)
-        frame = poser.snapshot(data, 0)
+        film.data.ctrl[:] = rng.uniform(-0.4, 0.4, model.nu)
+        mujoco.mj_step(model, film.data)
+        frame = film.taker.snapshot(film.data, 0)
         np.testing.assert_array_equal(
             kept.render(frame, frame.cameras[0]), full.render(frame, frame.cameras[0])
         )

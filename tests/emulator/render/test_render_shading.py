@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from evs.emulator.base.features import UNFORCED, Switches
-from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import NativeRenderer, make_renderer
-from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
+from evs.emulator.config import CameraConfig
 from evs.msgs import EvsError
 from reference.closed_forms import linear
+from reference.film import Film
 from reference.scenes import SAMPLED_OUTLINES
 
 DARK = '<visual><headlight active="0"/></visual>'
@@ -26,22 +25,19 @@ def light_of(
     **render: object,
 ) -> np.ndarray:
     """(size, size) luminance of an MJCF, seen by its first camera."""
-    model = mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
-    bound = bind_camera(model, "", size, size, view)
-    frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-    config = RenderConfig(**{"spp": 1, **render})  # type: ignore[arg-type]
-    renderer = NativeRenderer(extract_scene(model), bound.model, config, 1, switches=switches)
-    return renderer.render(frame, frame.cameras[0]).astype(np.float64)
+    film = Film(f"<mujoco>{xml}</mujoco>", (size, size), view)
+    return film.light(switches=switches, **render).astype(np.float64)
 
 
 def floor_from_above(
-    lights: str, albedo: float = 0.5, more: str = "", fovy: float = 2.0
+    lights: str, albedo: float = 0.5, more: str = "", fovy: float = 2.0, **render: object
 ) -> np.ndarray:
     """An orthographic look straight down at a matt floor under `lights`; x right, y up, 2 m
     wide."""
-    return light_of(f"""{DARK}<asset>{MATT.format(albedo)}</asset><worldbody>
+    xml = f"""{DARK}<asset>{MATT.format(albedo)}</asset><worldbody>
         <camera pos="0 0 5" projection="orthographic" fovy="{fovy}"/>{lights}
-        <geom type="plane" size="9 9 .1" material="matt"/>{more}</worldbody>""")
+        <geom type="plane" size="9 9 .1" material="matt"/>{more}</worldbody>"""
+    return light_of(xml, **render)  # type: ignore[arg-type]
 
 
 def pixel_centres(size: int = 32, width_m: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
@@ -203,10 +199,7 @@ def test_cube_texture_puts_its_faces_where_opengl_does() -> None:
         spec_view = CameraConfig(
             body="world", pos=tuple(3 * out), xyaxes=(*x, *np.cross(out, x)), fovy=5.0
         )
-        bound = bind_camera(model, "", 8, 8, spec_view)
-        frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-        renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
-        seen = renderer.render(frame, frame.cameras[0])
+        seen = Film(model, (8, 8), spec_view).light()
         np.testing.assert_allclose(seen, linear(round(255 * faces[name]) / 255), rtol=1e-4)
 
 
@@ -294,16 +287,10 @@ GREY = """<asset><texture name="grey" type="2d" builtin="flat" rgb1="{0} {0} {0}
 
 @pytest.mark.parametrize("renderer", ["direct", "path", "raster"])
 def test_a_texture_is_linear_where_it_is_named(renderer: str) -> None:
-    model = mujoco.MjModel.from_xml_string(f"<mujoco>{GREY.format(64 / 255)}</mujoco>")
-    bound = bind_camera(model, "", 8, 8)
-    frame, scene = (
-        SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0),
-        extract_scene(model),
-    )
+    film = Film(f"<mujoco>{GREY.format(64 / 255)}</mujoco>", (8, 8))
 
     def light_with(names: tuple[str, ...]) -> np.ndarray:
-        config = RenderConfig(renderer=renderer, spp=4, linear_textures=names)
-        return make_renderer(scene, bound.model, config, 1).render(frame, frame.cameras[0])
+        return film.light(renderer=renderer, spp=4, linear_textures=names)
 
     np.testing.assert_allclose(light_with(()), linear(64 / 255), rtol=1e-5)
     np.testing.assert_allclose(light_with(("grey",)), 64 / 255, rtol=1e-5)
@@ -313,18 +300,9 @@ def test_a_texture_is_linear_where_it_is_named(renderer: str) -> None:
 
 @pytest.mark.parametrize("renderer", ["direct", "path", "raster"])
 def test_a_point_lamp_fades_with_distance(renderer: str) -> None:
-    model = mujoco.MjModel.from_xml_string(f"""<mujoco>{DARK}<asset>{MATT.format(0.5)}</asset>
-        <worldbody><camera pos="0 0 5" projection="orthographic" fovy="2"/>
-        <light type="point" pos="0 0 2" diffuse="1 1 1" ambient=".3 .3 .3" bulbradius="0"
-          attenuation="1 .5 .25"/>
-        <geom type="plane" size="9 9 .1" material="matt"/></worldbody></mujoco>""")
-    bound = bind_camera(model, "", 32, 32)
-    frame, scene = (
-        SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0),
-        extract_scene(model),
-    )
-    config = RenderConfig(renderer=renderer, spp=1, bounces=0)
-    light = make_renderer(scene, bound.model, config, 1).render(frame, frame.cameras[0])
+    lamp = """<light type="point" pos="0 0 2" diffuse="1 1 1" ambient=".3 .3 .3" bulbradius="0"
+        attenuation="1 .5 .25"/>"""
+    light = floor_from_above(lamp, renderer=renderer, bounces=0)
     x, y = pixel_centres()
     r = np.sqrt(x**2 + y**2 + 4)
     expected = linear(0.5) * (2 / r + 0.3) / (1 + 0.5 * r + 0.25 * r**2)
@@ -337,15 +315,7 @@ RENDERERS = ("direct", "path")
 
 def light_by(renderer: str, xml: str, **render: object) -> np.ndarray:
     """(32, 32) luminance of an MJCF, seen by its camera, by a renderer with many samples."""
-    model = mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
-    bound = bind_camera(model, "", 32, 32)
-    frame, scene = (
-        SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0),
-        extract_scene(model),
-    )
-    config = RenderConfig(**{"renderer": renderer, "spp": 64, **render})  # type: ignore[arg-type]
-    made = make_renderer(scene, bound.model, config, 1)
-    return made.render(frame, frame.cameras[0]).astype(np.float64)
+    return light_of(xml, **{"renderer": renderer, "spp": 64, **render})  # type: ignore[arg-type]
 
 
 AMBIENT = """<asset><material name="floor" rgba=".5 .5 .5 1" specular="0" reflectance="{}"/>

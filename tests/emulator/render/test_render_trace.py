@@ -12,6 +12,7 @@ from evs.emulator import _core
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
+from reference.film import Film
 
 WIDTH, HEIGHT = 97, 61
 
@@ -60,15 +61,10 @@ def test_a_moved_scene_is_traced_where_it_is(robot_files: dict[str, Path]) -> No
     # pixels of a later snapshot, without and then with a frame in between
     model = mujoco.MjModel.from_xml_path(str(robot_files["dm_control/dog"]))
     model.opt.timestep = 1e-3
-    data = mujoco.MjData(model)
-    bound = bind_camera(model, "", WIDTH, HEIGHT, CameraConfig(azimuth=80, elevation=-20))
-    poser = SnapshotTaker(model, [bound])
-    renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
+    film = Film(model, (WIDTH, HEIGHT), CameraConfig(azimuth=80, elevation=-20))
+    renderer = film.renderer()
     everywhere = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), -1).reshape(-1, 2)
-    for _ in range(4):
-        for _ in range(20):
-            mujoco.mj_step(model, data)
-        snapshot = poser.snapshot(data, 0)
+    for snapshot in film.snapshots(81)[20::20]:
         pose = snapshot.cameras[0]
         traced = renderer.trace(snapshot, pose, everywhere).reshape(HEIGHT, WIDTH)
         np.testing.assert_array_equal(renderer.render(snapshot, pose), traced)

@@ -2,40 +2,34 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import NativeRenderer
-from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
+from evs.emulator.config import CameraConfig
 from reference.closed_forms import linear
+from reference.film import Film
 from reference.scenes import SAMPLED_OUTLINES
 
 GLOW = '<material name="{0}" emission="1" specular="0" rgba="{1} {1} {1} {2}"/>'
 
 
-def panes(*layers: tuple[float, float, float], more: str = "") -> mujoco.MjModel:
+def panes(*layers: tuple[float, float, float], more: str = "") -> str:
     """Glowing boxes (height above the floor, grey, alpha) under a camera that looks down."""
     materials = "".join(GLOW.format(f"m{i}", g, a) for i, (_, g, a) in enumerate(layers))
     boxes = "".join(
         f'<geom type="box" size="1 1 .05" pos="0 0 {z}" material="m{i}"/>'
         for i, (z, _, _) in enumerate(layers)
     )
-    return mujoco.MjModel.from_xml_string(
-        f"""<mujoco><visual><headlight active="0"/></visual><asset>{materials}
+    return f"""<mujoco><visual><headlight active="0"/></visual><asset>{materials}
         {more}</asset><worldbody><camera pos="0 0 5" fovy="10"/>{boxes}</worldbody></mujoco>"""
-    )
 
 
-def seen(model: mujoco.MjModel, isa: str = "auto") -> tuple[np.ndarray, np.ndarray]:
+def seen(xml: str, isa: str = "auto") -> tuple[np.ndarray, np.ndarray]:
     """Luminance, and index of what is hit first."""
-    bound = bind_camera(model, "", 8, 8)
-    frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-    renderer = NativeRenderer(extract_scene(model), bound.model, RenderConfig(spp=1, isa=isa), 1)
-    light = renderer.render(frame, frame.cameras[0]).astype(float)
-    return light, renderer.hits(frame, frame.cameras[0])[0]
+    film = Film(xml, (8, 8))
+    renderer, instant = film.renderer(isa=isa), (film.shot, film.shot.cameras[0])
+    return renderer.render(*instant).astype(float), renderer.hits(*instant)[0]
 
 
 @pytest.mark.parametrize("isa", _core.isa_available())
@@ -71,17 +65,12 @@ def test_a_transparent_mirror_is_no_mirror() -> None:
         <geom type="plane" size="9 9 .1" material="m"/>
         <geom type="sphere" size=".4" pos="0 0 1" material="glow"/></worldbody></mujoco>"""
     for alpha, values in ((1.0, [0, 0.5, 1]), (0.5, [0, 1])):
-        model = mujoco.MjModel.from_xml_string(xml.format(alpha))
-        bound = bind_camera(model, "", 48, 48)
-        frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
-        config, scene = RenderConfig(spp=1), extract_scene(model)
-        renderer = NativeRenderer(scene, bound.model, config, 1, switches=SAMPLED_OUTLINES)
-        light = renderer.render(frame, frame.cameras[0])
+        light = Film(xml.format(alpha), (48, 48)).light(switches=SAMPLED_OUTLINES)
         np.testing.assert_allclose(np.unique(light), values, atol=1e-6)
 
 
 def test_what_moves_behind_glass_is_traced_again() -> None:
-    model = mujoco.MjModel.from_xml_string("""
+    xml = """
       <mujoco><option timestep=".001" gravity="0 0 0"/><asset>
         <mesh name="wedge" vertex="0 0 0  .6 0 0  0 .6 0  0 0 .6"/></asset><worldbody>
         <light type="directional" dir=".2 .3 -1"/><geom type="plane" size="2 2 .1"/>
@@ -89,19 +78,13 @@ def test_what_moves_behind_glass_is_traced_again() -> None:
         <geom type="mesh" mesh="wedge" pos="-.8 -.4 .1" rgba=".9 .6 .4 .3"/>
         <body pos="-.9 .2 .3"><freejoint/><geom type="box" size=".1 .1 .1"/>
           <geom type="sphere" size=".1" pos="0 -.4 0" rgba="1 1 1 .5"/></body>
-      </worldbody></mujoco>""")
+      </worldbody></mujoco>"""
     view = CameraConfig(lookat=(0, 0, 0.3), distance=2.4, azimuth=100, elevation=-20)
-    bound = bind_camera(model, "", 70, 50, view)
-    poser, scene, data = SnapshotTaker(model, [bound]), extract_scene(model), mujoco.MjData(model)
-    data.qvel[:] = (3, 0, 0, 5, 4, 3)
-    kept, full = (
-        NativeRenderer(scene, bound.model, RenderConfig(spp=2, incremental=incremental), 2)
-        for incremental in (True, False)
-    )
+    film = Film(xml, (70, 50), view)
+    film.data.qvel[:] = (3, 0, 0, 5, 4, 3)
+    kept, full = film.renderer(2, spp=2), film.renderer(2, spp=2, incremental=False)
     fractions = []
-    for _ in range(200):
-        mujoco.mj_step(model, data)
-        frame = poser.snapshot(data, 0)
+    for frame in film.snapshots(201)[1:]:
         np.testing.assert_array_equal(
             kept.render(frame, frame.cameras[0]), full.render(frame, frame.cameras[0])
         )

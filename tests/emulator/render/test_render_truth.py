@@ -11,9 +11,9 @@ import pytest
 
 from evs.emulator import _core
 from evs.emulator.base.scene import CameraModel, CameraPose, GroundTruth
-from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.render import NativeRenderer
-from evs.emulator.world import BoundCamera, SnapshotTaker, bind_camera, extract_scene
+from evs.emulator.config import CameraConfig
+from evs.emulator.world import BoundCamera, extract_scene
+from reference.film import Film
 
 Rays = Callable[[CameraModel], np.ndarray]
 
@@ -31,11 +31,10 @@ def truth_of(
     model: mujoco.MjModel, view: CameraConfig = VIEW, **render: object
 ) -> tuple[GroundTruth, BoundCamera, CameraPose]:
     """What is true of a model at rest."""
-    bound = bind_camera(model, "", WIDTH, HEIGHT, view)
-    shot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 7000)
-    config = RenderConfig(**{"spp": 4, **render})  # type: ignore[arg-type]
-    renderer = NativeRenderer(extract_scene(model), bound.model, config, 2)
-    return renderer.ground_truth(shot, shot.cameras[0]), bound, shot.cameras[0]
+    film = Film(model, (WIDTH, HEIGHT), view)
+    shot = replace(film.shot, t_us=7000)
+    truth = film.renderer(2, **{"spp": 4, **render}).ground_truth(shot, shot.cameras[0])
+    return truth, film.bound, shot.cameras[0]
 
 
 def test_a_plane_and_a_sphere_have_their_closed_forms(camera_rays: Rays) -> None:
@@ -180,17 +179,10 @@ def test_every_instruction_set_and_thread_count_tells_the_same_truth(isa: str) -
 
 
 def test_the_light_after_it_is_as_without_it() -> None:
-    model = mujoco.MjModel.from_xml_string(
-        SPHERE.replace('<geom name="ball"', '<freejoint/><geom name="ball"')
-    )
-    data = mujoco.MjData(model)
-    bound = bind_camera(model, "", WIDTH, HEIGHT, VIEW)
-    poser = SnapshotTaker(model, [bound])
-    scene = extract_scene(model)
-    asked, plain = (NativeRenderer(scene, bound.model, RenderConfig(), 1) for _ in range(2))
-    for k in range(20):
-        mujoco.mj_step(model, data)
-        shot = poser.snapshot(data, k)
+    falling = SPHERE.replace('<geom name="ball"', '<freejoint/><geom name="ball"')
+    film = Film(falling, (WIDTH, HEIGHT), VIEW)
+    asked, plain = film.renderer(spp=None), film.renderer(spp=None)
+    for k, shot in enumerate(film.snapshots(20)):
         pose = shot.cameras[0]
         if k % 3 == 0:
             asked.ground_truth(shot, pose)
