@@ -19,6 +19,7 @@ from evs.drivers.gym import ENVIRONMENTS, LoopEnv
 from evs.emulator.representations import event_frame, padded_packet, time_surface, voxel_grid
 from evs.emulator.simulation.stacked_arrays import KINDS
 from evs.msgs import EvsError, join_events
+from reference.episodes import same
 
 CART = "evs:config/scenes/cartpole.xml"
 SMALL: dict[str, Any] = {"size": (24, 20), "max_s": 0.4}
@@ -40,17 +41,6 @@ def rollout(env: Any, seed: int, steps: int = 25) -> list[Any]:
         if told[-1][2] or told[-1][3]:
             break
     return told
-
-
-def same(one: Any, other: Any) -> bool:
-    """Same bits, types and shapes."""
-    if isinstance(one, np.ndarray):
-        return one.dtype == other.dtype and np.array_equal(one, other)
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
-    if isinstance(one, list | tuple):
-        return len(one) == len(other) and all(map(same, one, other))
-    return type(one) is type(other) and one == other
 
 
 @pytest.mark.parametrize(("name", "kind"), list(product(ENVIRONMENTS, KINDS)))

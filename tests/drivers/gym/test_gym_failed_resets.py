@@ -11,6 +11,7 @@ import pytest
 
 import evs.drivers.gym
 from evs.msgs import EvsError
+from reference.episodes import same
 from reference.worlds_alone import SWING
 
 FAR = """<light name="far" pos="0 -1 9" dir="0 0 1" cutoff="5" diffuse="1e35 1e35 1e35"
@@ -66,14 +67,6 @@ def good_seed(env: Any, above: int) -> int:
             continue
         return seed
     raise AssertionError
-
-
-def same(one: Any, other: Any) -> bool:
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(same(one[name], other[name]) for name in one)
-    if isinstance(one, tuple):
-        return all(same(a, b) for a, b in zip(one, other, strict=True))
-    return bool(np.array_equal(one, other))
 
 
 @pytest.mark.parametrize("why", WHY)

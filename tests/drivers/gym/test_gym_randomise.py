@@ -15,6 +15,7 @@ import evs
 import evs.drivers.gym
 from evs.emulator.config import SensorConfig
 from evs.msgs import EvsError
+from reference.episodes import same
 
 RANGES = {
     "pos_thres": "uniform(0.1, 0.4)",
@@ -39,10 +40,6 @@ def rollout(env: Any, seed: int | None, steps: int = 15) -> tuple[list[Any], dic
         assert info.get("sensor") == sensor
         found.append(seen)
     return found, sensor
-
-
-def same(one: list[Any], other: list[Any]) -> bool:
-    return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
 @pytest.mark.integration

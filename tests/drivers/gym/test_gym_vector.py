@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import evs.drivers.gym  # noqa: F401 - registers the environments
+from reference.episodes import same
 
 OPTIONS: dict[str, Any] = {"size": (24, 20), "max_s": 0.2, "sensor": "dvs128", "encoders": True}
 
@@ -23,14 +24,6 @@ def rollout(environments: Any, steps: int = 30) -> list[Any]:
         told.append((seen, worth, terminated, truncated, info["events"]))
     environments.close()
     return told
-
-
-def same(one: Any, other: Any) -> bool:
-    if isinstance(one, dict):
-        return all(same(one[key], other[key]) for key in one)
-    if isinstance(one, tuple | list):
-        return all(map(same, one, other))
-    return one.dtype == other.dtype and np.array_equal(one, other)
 
 
 @pytest.fixture(scope="module")
