@@ -49,6 +49,8 @@ def machine(tmp_path: Path, checkout: Path) -> Run:
 
 REAL_COMPILER = f'PATH="{os.environ["PATH"]}" exec c++ "$@"'
 WITHOUT_SHUFFLES = REAL_COMPILER.replace('"$@"', '-D__builtin_shufflevector=missing "$@"')
+NO_VECTORS = f'case "$1" in --version) echo "g++ 11.3.0" ;; *) {WITHOUT_SHUFFLES} ;; esac'
+"""as g++ 11, which knows C++20"""
 
 
 def complaint(result: subprocess.CompletedProcess[str]) -> str:
@@ -65,47 +67,38 @@ def test_a_fit_machine_names_its_python(machine: Run) -> None:
     assert (result.returncode, result.stdout, result.stderr) == (0, "python3\n", "")
 
 
-def test_no_python(machine: Run) -> None:
-    line = complaint(machine("prerequisites.sh", cxx=REAL_COMPILER))
-    assert "Python 3.11 or newer is missing" in line
-    assert "apt install python3" in line
-
-
-def test_an_old_python(machine: Run) -> None:
-    line = complaint(machine("prerequisites.sh", python=OLD_PYTHON, cxx=REAL_COMPILER))
-    assert "python3 is 3.9" in line
-    assert "apt install" in line
+@pytest.mark.parametrize(
+    ("commands", "says", "fix"),
+    [
+        ({"cxx": REAL_COMPILER}, "Python 3.11 or newer is missing", "apt install python3"),
+        ({"python": OLD_PYTHON, "cxx": REAL_COMPILER}, "python3 is 3.9", "apt install"),
+        (
+            {"python": NO_VENV, "cxx": REAL_COMPILER},
+            "venv module of python3 is missing",
+            "apt install python3-venv",
+        ),
+        ({"python": REAL_PYTHON}, "C++20 compiler is missing", "apt install g++"),
+        (
+            {"python": REAL_PYTHON, "cxx": OLD_COMPILER},
+            "c++ cannot build evs (g++ 8.3.0)",
+            "apt install g++-12",
+        ),
+        (
+            {"python": REAL_PYTHON, "cxx": NO_VECTORS},
+            "c++ cannot build evs (g++ 11.3.0)",
+            "CXX=g++-12",
+        ),
+    ],
+)
+def test_what_is_missing(machine: Run, commands: dict[str, str], says: str, fix: str) -> None:
+    line = complaint(machine("prerequisites.sh", **commands))
+    assert says in line
+    assert fix in line
 
 
 def test_a_newer_python_beside_an_old_one_is_taken(machine: Run) -> None:
     commands = {"python": OLD_PYTHON, "python3.12": REAL_PYTHON, "cxx": REAL_COMPILER}
     assert machine("prerequisites.sh", **commands).stdout == "python3.12\n"
-
-
-def test_python_without_venv(machine: Run) -> None:
-    line = complaint(machine("prerequisites.sh", python=NO_VENV, cxx=REAL_COMPILER))
-    assert "venv module of python3 is missing" in line
-    assert "apt install python3-venv" in line
-
-
-def test_no_compiler(machine: Run) -> None:
-    line = complaint(machine("prerequisites.sh", python=REAL_PYTHON))
-    assert "C++20 compiler is missing" in line
-    assert "apt install g++" in line
-
-
-def test_an_old_compiler(machine: Run) -> None:
-    line = complaint(machine("prerequisites.sh", python=REAL_PYTHON, cxx=OLD_COMPILER))
-    assert "c++ cannot build evs (g++ 8.3.0)" in line
-    assert "apt install g++-12" in line
-
-
-def test_a_compiler_without_the_vectors_of_the_core(machine: Run) -> None:
-    """As g++ 11, which knows C++20."""
-    body = f'case "$1" in --version) echo "g++ 11.3.0" ;; *) {WITHOUT_SHUFFLES} ;; esac'
-    line = complaint(machine("prerequisites.sh", python=REAL_PYTHON, cxx=body))
-    assert "c++ cannot build evs (g++ 11.3.0)" in line
-    assert "CXX=g++-12" in line
 
 
 def test_python_without_headers_and_no_apt(machine: Run, tmp_path: Path) -> None:

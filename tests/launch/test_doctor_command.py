@@ -54,62 +54,12 @@ def test_this_machine_is_fit(
     assert list(tmp_path.iterdir()) == []
 
 
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave the trial runs out."""
+def quick(monkeypatch: pytest.MonkeyPatch, **versions: str | None) -> None:
+    """Leave the trial runs out, and tell other versions of packages; None: it is missing."""
+    real = packages.version_of
+    monkeypatch.setattr(packages, "version_of", lambda name: versions.get(name, real(name)))
     monkeypatch.setattr(trial, "check_pipeline", lambda folder: [])
     monkeypatch.setattr(trial, "check_timing", lambda: checkup.Check("timing", "ok", "not looked"))
-
-
-def test_a_missing_package_makes_it_unfit(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    quick(monkeypatch)
-    real = packages.version_of
-    monkeypatch.setattr(packages, "version_of", lambda n: None if n == "pyzmq" else real(n))
-    code, checks = checks_of(capsys)
-    assert code == 1
-    assert checks["pyzmq"]["verdict"] == checkup.BAD
-    assert checks["pyzmq"]["fix"] == "pip install pyzmq"
-    assert [c["name"] for c in checks.values() if c["verdict"] == checkup.BAD] == ["pyzmq"]
-
-
-def test_a_missing_onnxruntime_is_only_a_note(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    quick(monkeypatch)
-    real = packages.version_of
-    monkeypatch.setattr(packages, "version_of", lambda n: None if n == "onnxruntime" else real(n))
-    code, checks = checks_of(capsys)
-    assert code == 0
-    assert checks["onnxruntime"]["verdict"] == checkup.NOTE
-    assert "model.runtime=onnxruntime" in checks["onnxruntime"]["says"]
-    assert checks["onnxruntime"]["fix"] == "pip install onnxruntime"
-
-
-@pytest.mark.parametrize("version", ["2.3.7", "3.2.9", "5.0.0"])
-def test_a_package_out_of_range_makes_it_unfit(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, version: str
-) -> None:
-    quick(monkeypatch)
-    real = packages.version_of
-    monkeypatch.setattr(packages, "version_of", lambda n: version if n == "mujoco" else real(n))
-    code, checks = checks_of(capsys)
-    assert code == 1
-    assert checks["mujoco"]["verdict"] == checkup.BAD
-    assert checks["mujoco"]["says"] == f"{version}, evs needs >=3.3,<5"
-    assert checks["mujoco"]["fix"] == "pip install 'mujoco>=3.3,<5'"
-
-
-def test_an_extra_out_of_range_is_a_note(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    quick(monkeypatch)
-    real = packages.version_of
-    monkeypatch.setattr(packages, "version_of", lambda n: "0.29" if n == "gymnasium" else real(n))
-    code, checks = checks_of(capsys)
-    assert code == 0
-    assert checks["extra gym"]["verdict"] == checkup.NOTE
-    assert checks["extra gym"]["fix"] == "pip install 'gymnasium>=1.1,<2'"
 
 
 @pytest.mark.parametrize(
@@ -130,17 +80,45 @@ def test_ranges_are_read_as_pip_reads_them(version: str, asked: str, inside: boo
     assert packages.in_range(version, asked) == inside
 
 
-def test_a_missing_extra_is_only_a_note(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    quick(monkeypatch)
-    real = packages.version_of
-    gone = {name for names in packages.EXTRAS.values() for name in names}
-    monkeypatch.setattr(packages, "version_of", lambda n: None if n in gone else real(n))
+ALL_EXTRAS = dict.fromkeys(name for names in packages.EXTRAS.values() for name in names)
+
+
+@pytest.mark.parametrize(
+    ("versions", "check", "verdict", "says", "fix"),
+    [
+        ({"pyzmq": None}, "pyzmq", "bad", "not installed", "pip install pyzmq"),
+        *(
+            (
+                {"mujoco": version},
+                "mujoco",
+                "bad",
+                f"{version}, evs needs >=3.3,<5",
+                "pip install 'mujoco>=3.3,<5'",
+            )
+            for version in ("2.3.7", "3.2.9", "5.0.0")
+        ),
+        # only notes
+        (
+            {"onnxruntime": None},
+            "onnxruntime",
+            "note",
+            "model.runtime=onnxruntime",
+            "pip install onnxruntime",
+        ),
+        ({"gymnasium": "0.29"}, "extra gym", "note", "", "pip install 'gymnasium>=1.1,<2'"),
+        (ALL_EXTRAS, "extra video", "note", "", "pip install 'evs[video]'"),
+    ],
+)
+def test_packages_that_are_missing_or_out_of_range(
+    versions: dict[str, str | None], check: str, verdict: str, says: str, fix: str,
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    quick(monkeypatch, **versions)
     code, checks = checks_of(capsys)
-    assert code == 0
-    assert checks["extra video"]["verdict"] == checkup.NOTE
-    assert checks["extra video"]["fix"] == "pip install 'evs[video]'"
+    assert [c["name"] for c in checks.values() if c["verdict"] == checkup.BAD] == [check] * code
+    assert code == (verdict == checkup.BAD)
+    assert (checks[check]["verdict"], checks[check]["fix"]) == (verdict, fix)
+    assert says in checks[check]["says"]
 
 
 def test_without_the_native_core_everything_else_is_still_told(
@@ -180,9 +158,7 @@ def test_a_trial_that_breaks_down_is_a_finding(
 def test_lines_for_people(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    quick(monkeypatch)
-    real = packages.version_of
-    monkeypatch.setattr(packages, "version_of", lambda name: None if name == "lz4" else real(name))
+    quick(monkeypatch, lz4=None)
     assert doctor.run(argparse.Namespace(json=False, quick=False, markdown=None)) == 1
     lines = capsys.readouterr().out.splitlines()
     assert any(re.match(r"ok +numpy +[\d.]+$", line) for line in lines)
