@@ -16,7 +16,7 @@ from evs.drivers.files.time_order import MAX_REORDER_EVENTS
 from evs.msgs import EventPacket, Frame, StreamInfo, make_events
 from reference.memory import PEAK
 
-pytestmark = pytest.mark.extremes
+pytestmark = [pytest.mark.extremes, pytest.mark.slow]
 
 CONVERT = f"""{PEAK}
 from evs.launch.main import main
@@ -62,7 +62,6 @@ def peak_kib(source: Path, target: Path) -> int:
     return int(done.stdout)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("suffix", TARGETS)
 def test_memory_does_not_grow_with_the_recording(
     tmp_path: Path, suffix: str, sources: list[tuple[Path, int]]
@@ -80,7 +79,6 @@ def test_memory_does_not_grow_with_the_recording(
     assert max(long, long_back) < 500_000
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["aedat4", "aedat", "aedat3", "csv", "npz"])
 def test_read_takes_little_more_than_the_events(tmp_path: Path, suffix: str) -> None:
     long = record(tmp_path / f"long.{suffix}", 4_000_000)
@@ -134,7 +132,6 @@ def rotated(folder: Path, parts: int) -> Path:
     return folder / "a.aedat4"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "target", "count"),
     [(aedat3, "b.aedat4", 80), (davis, "b.aedat4", 12), (rotated, "b.aedat3", 5)],

@@ -16,6 +16,8 @@ from evs.emulator.sensor.presets import resolve_sensor
 from evs.msgs import Events
 from reference.waves import MIDDLE, Waves, run
 
+pytestmark = pytest.mark.statistical
+
 SIDE, SECOND = 48, 1_000_000
 IDEAL = SensorParameters("ideal", SIDE, SIDE, 0.2, 0.2, exposure_dn=1.0)
 NOISY = replace(
@@ -29,7 +31,6 @@ def still(t_us: float) -> F32:
     return np.tile(np.geomspace(0.5, 255, SIDE).astype(np.float32), (SIDE, 1))
 
 
-@pytest.mark.statistical
 @pytest.mark.parametrize("tick_us", [100, 500, 8_000, SECOND])
 def test_still_light_has_the_same_noise_in_ticks_of_any_length(tick_us: int) -> None:
     """Leak, shot noise, hot pixels, blindness: event by event, not only in the mean."""
@@ -38,7 +39,6 @@ def test_still_light_has_the_same_noise_in_ticks_of_any_length(tick_us: int) -> 
     assert ours.tobytes() == theirs.tobytes()
 
 
-@pytest.mark.statistical
 @pytest.mark.parametrize("tick_us", [1000, 500, 100])
 def test_shot_noise_has_its_rate_in_ticks_of_any_length(tick_us: int) -> None:
     """Poisson counts of other seeds, 48 brightnesses, against v2e's law; significance 1e-3."""
@@ -57,7 +57,6 @@ def test_shot_noise_has_its_rate_in_ticks_of_any_length(tick_us: int) -> None:
     assert scipy.stats.chisquare(place).pvalue > 1e-3
 
 
-@pytest.mark.statistical
 @pytest.mark.parametrize("tick_us", [1000, 500])
 def test_moving_light_and_noise_have_the_same_rates(tick_us: int) -> None:
     """All terms on; counts of each polarity and 20 ms, significance 1e-3."""
@@ -80,7 +79,6 @@ def triangle(t_us: float) -> F32:
     return np.full((16, 16), light, np.float32)
 
 
-@pytest.mark.statistical
 @pytest.mark.parametrize("hz", [30.0, 0.0], ids=["leak", "signal"])
 @pytest.mark.parametrize("preset", ["davis346", "dvs128", "dvxplorer", "genx320", "imx636"])
 def test_photon_noise_loses_no_event_in_long_ticks(preset: str, hz: float) -> None:
@@ -106,7 +104,6 @@ def rising(t_us: float) -> F32:
     return np.exp(MIDDLE - RISE * math.cos(2 * math.pi * 2.0 * t_us * 1e-6)).astype(np.float32)
 
 
-@pytest.mark.statistical
 @pytest.mark.parametrize("poles", ["first", "both"])
 def test_crossing_times_of_filtered_light_converge_at_second_order(poles: str) -> None:
     """dim_lux this large is a bandwidth that is the same in any light, so that y' = w (x - y) is

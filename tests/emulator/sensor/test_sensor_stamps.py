@@ -13,6 +13,8 @@ from evs.emulator.sensor import SensorParameters
 from evs.msgs import Events
 from reference.waves import Waves, run
 
+pytestmark = pytest.mark.statistical
+
 TICK = 1000
 VIDEO = Path(__file__).parents[2] / "support" / "golden" / "video.npz"
 
@@ -27,7 +29,6 @@ def stamps_in_busy_ticks(events: Events, last_tick: int) -> list[np.ndarray]:
     ]
 
 
-@pytest.mark.statistical
 def test_stamps_of_moving_light() -> None:
     side = 160
     sensor = SensorParameters("waves", side, side, 0.2, 0.2, exposure_dn=1.0)
@@ -44,7 +45,6 @@ def test_stamps_of_moving_light() -> None:
         assert scipy.stats.chisquare(found).pvalue > significance
 
 
-@pytest.mark.statistical
 def test_stamps_of_the_golden_video() -> None:
     """Texture drift, flicker, a rotating bar: whatever moves, in every tick that is busy enough.
 

@@ -14,6 +14,8 @@ from evs.emulator.sensor import SensorParameters
 from evs.msgs import Events
 from reference.waves import MIDDLE, Waves, run
 
+pytestmark = pytest.mark.statistical
+
 SIDE, SECOND = 32, 1_000_000
 THETA = 0.2
 FASTEST_HZ = 8.0
@@ -36,7 +38,6 @@ def by_pixel(events: Events) -> np.ndarray:
     return np.bincount(events["y"].astype(int) * SIDE + events["x"], minlength=SIDE * SIDE)
 
 
-@pytest.mark.statistical
 @pytest.mark.parametrize("tick_us", TICKS_US[:-1])
 def test_rates_do_not_depend_on_the_tick(tick_us: int) -> None:
     coarse, fine = events_of(tick_us), events_of(TICKS_US[-1])
@@ -47,7 +48,6 @@ def test_rates_do_not_depend_on_the_tick(tick_us: int) -> None:
     assert chi_square < scipy.stats.chi2.ppf(0.999, np.count_nonzero(a + b))
 
 
-@pytest.mark.statistical
 @pytest.mark.parametrize("tick_us", TICKS_US[:-1])
 def test_only_what_peaks_between_two_ticks_is_lost(tick_us: int) -> None:
     """The same light gives the same events, so pixels differ far less than chance would allow."""
@@ -88,7 +88,6 @@ def rounding_up(tick_us: int) -> F64:
     return np.asarray(events["t"][steep] - np.ceil(exact))
 
 
-@pytest.mark.statistical
 def test_crossing_times_converge_at_second_order() -> None:
     """A line through two ticks is off by L'' dt^2 / 8 at most: a quarter for half the tick."""
     root_mean_square = []

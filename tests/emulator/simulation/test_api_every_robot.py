@@ -8,14 +8,13 @@ import pytest
 from evs.emulator import World
 from evs.emulator.config import SensorConfig
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.slow]
 
 QUIET = SensorConfig(
     leak_rate_hz=0.0, photocurrent_pa=0.0, hot_leak_median_hz=0.0, parasitic_leak_hz=0.0
 )
 
 
-@pytest.mark.slow
 def test_every_shipped_robot_runs_and_none_is_black(robot_files):
     still = set()
     for name, path in robot_files.items():
@@ -40,7 +39,6 @@ def test_every_shipped_robot_runs_and_none_is_black(robot_files):
     assert asleep <= still <= asleep | slow
 
 
-@pytest.mark.slow
 def test_a_robot_gives_the_same_bytes_twice_on_any_number_of_threads(robot_files):
     def stream(threads):
         world = World(robot_files["gymnasium/humanoid"], control="random", seed=5, threads=threads)
