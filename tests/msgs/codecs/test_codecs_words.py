@@ -126,12 +126,6 @@ def test_events_without_a_time_or_a_row_are_counted() -> None:
     assert evt2.skipped == 1
 
 
-def test_a_new_upper_part_of_the_time_starts_at_zero_and_a_repeated_one_does_not() -> None:
-    x = [0x0000, 0x2001]
-    words = halves(0x8001, 0x6005, *x, 0x8001, *x, 0x8002, *x)
-    assert decode_evt3(words, time_origin_us=0)[0]["t"].tolist() == [4101, 4101, 8192]
-
-
 def test_stamps_of_a_camera_that_step_back_a_little_are_no_wrap() -> None:
     words = halves(0x8FFF, 0x6000, 0x0000, 0x2001, 0x8000, 0x2001, 0x8FFF, 0x2001, 0x8FFD, 0x2001)
     t = decode_evt3(words, time_origin_us=0)[0]["t"] >> 12
