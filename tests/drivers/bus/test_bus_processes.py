@@ -16,7 +16,8 @@ import pytest
 
 from evs.drivers.bus import Publisher, subscribe
 from evs.drivers.clock import Pacer, monotonic_s, sleep_s
-from evs.msgs import EventPacket, StreamInfo, make_events
+from evs.msgs import EventPacket, StreamInfo
+from reference.streams import random_packet
 
 pytestmark = pytest.mark.integration
 
@@ -57,13 +58,7 @@ sender.close()
 
 
 def made(seq: int, events: int) -> EventPacket:
-    """A packet of random events, the same for the same numbers."""
-    random = np.random.default_rng([seq, events])
-    stamps = np.sort(random.integers(1000 * seq + 1, 1000 * seq + 1001, events))
-    x, y, p = (random.integers(0, high, events) for high in (346, 260, 2))
-    return EventPacket(
-        seq, 1000 * seq, 1000 * seq + 1000, 346, 260, make_events(stamps, x, y, p), "cam"
-    )
+    return random_packet(seq, events, camera="cam")
 
 
 def moved(body: EventPacket, seq: int) -> EventPacket:

@@ -168,7 +168,7 @@ def test_a_stopped_process_slows_nobody_and_goes_on_when_it_continues() -> None:
 def test_evs_emulate_serves_a_real_reader(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "bar.xml").write_text(BAR)
+    (tmp_path / "bar.xml").write_text(BAR.format(speed=40))
     address = free_address()
     (tmp_path / "p.toml").write_text(
         "duration_s = 0.05\nreport = 'report.json'\nrecord = 'run.npz'\n"

@@ -29,9 +29,9 @@ from evs.msgs import (
     TRIGGER_DTYPE,
     Frame,
     empty_imu,
-    make_events,
     make_triggers,
 )
+from reference.streams import random_events
 
 pytestmark = pytest.mark.property
 
@@ -98,8 +98,7 @@ def valid_samples(body: bytes) -> Any:
 def originals() -> dict[str, tuple[bytes, Callable[[bytes], Any]]]:
     """kind -> (a sound body, how it is read)"""
     random = np.random.default_rng(4)
-    t = np.sort(random.integers(0, 1000, 20))
-    events = make_events(t, *(random.integers(0, side, 20) for side in (346, 260, 2)))
+    events = random_events(20, 0, 1000)
     image = random.integers(0, 256, (5, 7)).astype(np.uint8)
     samples = empty_imu(5)
     samples["t"] = np.arange(5)

@@ -16,7 +16,7 @@ import pytest
 from evs.drivers.files import read, summary
 from evs.drivers.files.multi_file import later_parts
 from evs.drivers.search_path import search_path
-from reference.mjcf import BLUE_BAR
+from reference.mjcf import BAR
 
 pytestmark = pytest.mark.extremes
 
@@ -81,7 +81,7 @@ def on_full_disk(folder: Path, disk: Path, command: list[str]) -> subprocess.Com
     ],
 )
 def test_the_camera_goes_on(tmp_path: Path, compression: str, rotate: list[str]) -> None:
-    (tmp_path / "ball.xml").write_text(BLUE_BAR.format(speed=40))
+    (tmp_path / "ball.xml").write_text(BAR.format(speed=40))
     disk = tmp_path / "disk"
     words = ["emulate", "--scene", "ball.xml", "sensor.width=96", "sensor.height=72", "--seed", "1"]
     words += ["scene.keyframe=fast", "--duration", str(TICKS / 1000), "--report", "report.json"]
@@ -112,7 +112,7 @@ def test_the_camera_goes_on(tmp_path: Path, compression: str, rotate: list[str])
 
 
 def test_a_recording_alone_ends_with_its_disk(tmp_path: Path) -> None:
-    (tmp_path / "ball.xml").write_text(BLUE_BAR.format(speed=40))
+    (tmp_path / "ball.xml").write_text(BAR.format(speed=40))
     disk = tmp_path / "disk"
     words = ["emulate", "--scene", "ball.xml", "sensor.width=96", "sensor.height=72"]
     words += ["scene.keyframe=fast", "--duration", "60", "--record", f"{disk}/run.aedat4"]

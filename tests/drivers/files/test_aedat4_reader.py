@@ -13,15 +13,14 @@ from evs.drivers.files import LeftOutWarning, packets, read, summary
 from evs.drivers.files.aedat4 import Aedat4File, Aedat4Recorder, compression, layout, reader, repair
 from evs.drivers.files.integrity import BackwardsWarning, DamagedPacketWarning, TornTailWarning
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
+from reference.streams import random_events
 
 STREAM = StreamInfo(64, 48, camera="eye", seed=5)
 COMPRESSIONS = ("none", "lz4", "zstd")
 
 
 def events_of(tick: int) -> Events:
-    random = np.random.default_rng(tick)
-    t = np.sort(random.integers(1000 * tick + 1, 1000 * tick + 1001, 20))
-    return make_events(t, random.integers(0, 64, 20), random.integers(0, 48, 20), t % 2)
+    return random_events(20, 1000 * tick, 1000 * tick + 1000, (64, 48), tick)
 
 
 def record(path: Path, compression: str, ticks: int = 5, close: bool = True) -> list[int]:

@@ -20,18 +20,10 @@ from evs.msgs import (
     TriggerPacket,
     frame_triggers,
     join_events,
-    make_events,
 )
+from reference.streams import random_packet
 
 STREAM = StreamInfo(346, 260, camera="eye", frames=True, triggers=True, seed=5)
-
-
-def packet(seq: int, count: int) -> EventPacket:
-    random = np.random.default_rng(seq)
-    t = np.sort(random.integers(1000 * seq + 1, 1000 * seq + 1001, count))
-    x = random.integers(0, 260, count)
-    events = make_events(t, x, x, x % 2)
-    return EventPacket(seq, 1000 * seq, 1000 * seq + 1000, 346, 260, events, "eye")
 
 
 def record(path: Path, packets: list[EventPacket], compression: str, **rotation: float) -> object:
@@ -52,7 +44,7 @@ def test_no_file_grows_over_its_size_and_nothing_is_lost(
     tmp_path: Path, compression: str, rotate_mb: float
 ) -> None:
     path = tmp_path / "run.aedat4"
-    packets = [packet(seq, 1 + 53 * seq % 400) for seq in range(200)]
+    packets = [random_packet(seq, 1 + 53 * seq % 400) for seq in range(200)]
     count = record(path, packets, compression, rotate_mb=rotate_mb)
     parts = parts_of(path)
     assert len(parts) == count > 1
@@ -70,7 +62,7 @@ def test_no_file_grows_over_its_size_and_nothing_is_lost(
 
 def test_a_single_packet_over_the_size_has_a_file_of_its_own(tmp_path: Path) -> None:
     path = tmp_path / "run.aedat4"
-    packets = [packet(0, 10), packet(1, 5000), packet(2, 10)]
+    packets = [random_packet(0, 10), random_packet(1, 5000), random_packet(2, 10)]
     assert record(path, packets, "none", rotate_mb=0.01) == 3
     assert [len(read(part, single=True)) for part in parts_of(path)] == [10, 5000, 10]
 
@@ -78,7 +70,7 @@ def test_a_single_packet_over_the_size_has_a_file_of_its_own(tmp_path: Path) -> 
 def test_a_file_ends_with_the_tick_that_ends_its_time(tmp_path: Path) -> None:
     path = tmp_path / "run.aedat4"
     # the camera starts late; nothing is seen from tick 60 to 95
-    packets = [packet(seq, 0 if 60 <= seq < 95 else 5) for seq in range(3, 120)]
+    packets = [random_packet(seq, 0 if 60 <= seq < 95 else 5) for seq in range(3, 120)]
     record(path, packets, "lz4", rotate_s=0.02)
     stamps = [read(part, single=True)["t"] for part in parts_of(path)]
     assert [int(-(-t[0] // 1000)) - 1 for t in stamps] == [3, 23, 43, 95, 103]
@@ -98,7 +90,7 @@ def test_frames_and_triggers_go_into_the_file_of_their_tick(tmp_path: Path) -> N
             frames.append(Frame(len(frames), *stamps, image, "eye"))
             sink.write_frame(frames[-1])
             sink.write_triggers(TriggerPacket(len(frames) - 1, frame_triggers(frames[-1]), "eye"))
-        sink.write(packet(seq, 3))
+        sink.write(random_packet(seq, 3))
     said = sink.close()
     assert (said["files"], said["frames"], said["triggers"]) == (4, 10, 40)
     found = [read(part, single=True) for part in parts_of(path)]
@@ -113,13 +105,13 @@ def test_parts_of_an_earlier_recording_are_not_touched(tmp_path: Path) -> None:
     old = tmp_path / "run-002.aedat4"
     old.write_bytes(b"old")
     with pytest.raises(EvsError, match=r"run-002\.aedat4 of an earlier recording .*move them"):
-        record(path, [packet(0, 3)], "lz4", rotate_mb=1)
+        record(path, [random_packet(0, 3)], "lz4", rotate_mb=1)
     assert not path.exists()
     # other names are nobody's parts
     for name in ("run-2.aedat4", "run-02.aedat4", "other-002.aedat4", "run-002.npz"):
         old.rename(tmp_path / name)
         old = tmp_path / name
-        record(path, [packet(0, 3)], "lz4", rotate_mb=1)
+        record(path, [random_packet(0, 3)], "lz4", rotate_mb=1)
         assert old.read_bytes() == b"old"
 
 
@@ -127,17 +119,17 @@ def test_a_file_that_comes_up_meanwhile_is_not_replaced(tmp_path: Path) -> None:
     path = tmp_path / "run.aedat4"
     sink = Aedat4Recorder(path, "none", rotate_mb=0.005)
     sink.open([STREAM])
-    sink.write(packet(0, 100))
+    sink.write(random_packet(0, 100))
     part_path(path, 1).write_bytes(b"somebody's")
     with pytest.raises(SinkStoppedError, match=r"run-001\.aedat4 already exists"):
-        sink.write(packet(1, 200))
+        sink.write(random_packet(1, 200))
     assert part_path(path, 1).read_bytes() == b"somebody's"
     assert summary(path).events == sink.close()["events"] > 0
 
 
 def test_a_recording_without_events_is_one_file(tmp_path: Path) -> None:
     path = tmp_path / "run.aedat4"
-    assert record(path, [packet(seq, 0) for seq in range(50)], "lz4", rotate_s=0.01) == 1
+    assert record(path, [random_packet(seq, 0) for seq in range(50)], "lz4", rotate_s=0.01) == 1
     assert len(read(path)) == 0
 
 

@@ -20,8 +20,9 @@ from evs.drivers.files.bags.messages import array_bytes
 from evs.drivers.files.bags.records import ros1_chunk
 from evs.drivers.files.integrity import DamagedPacketWarning, TornTailWarning
 from evs.launch.main import main
-from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
+from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events
 from evs.msgs.codecs import PAYLOADS, PayloadWriter
+from reference.streams import random_packet
 
 STREAM = StreamInfo(640, 480, camera="left")
 DEFINITION = """std_msgs/Header header
@@ -38,13 +39,7 @@ Send = Callable[[str, str, int, Any], None]
 
 
 def ticks(count: int = 40, each: int = 50) -> list[Events]:
-    random = np.random.default_rng(5)
-    made = []
-    for tick in range(count):
-        t = np.sort(random.integers(1000 * tick + 1, 1000 * tick + 1001, each))
-        x, y = random.integers(0, 640, each), random.integers(0, 480, each)
-        made.append(make_events(t, x, y, random.integers(0, 2, each)))
-    return made
+    return [random_packet(tick, each, (640, 480)).events for tick in range(count)]
 
 
 def record(path: Path, parts: list[Events], **options: str) -> bytes:

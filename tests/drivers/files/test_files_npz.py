@@ -17,6 +17,7 @@ from evs.drivers.files import packets, read, recorder_for, repair, summary
 from evs.drivers.files.integrity import BackwardsWarning
 from evs.drivers.files.npz import NpzRecorder
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
+from reference.streams import random_events
 
 STREAM = StreamInfo(
     346, 260, camera="eye", sensor="davis346", seed=2**70, config={"a": [1]}, versions={"evs": "1"}
@@ -24,9 +25,7 @@ STREAM = StreamInfo(
 
 
 def events_of(tick: int, count: int = 100) -> Events:
-    random = np.random.default_rng(tick)
-    t = np.sort(random.integers(1000 * tick + 1, 1000 * tick + 1001, count))
-    return make_events(t, random.integers(0, 346, count), random.integers(0, 260, count), t % 2)
+    return random_events(count, 1000 * tick, 1000 * tick + 1000, seed=tick)
 
 
 def record(path: Path, ticks: list[int]) -> dict[str, Any]:

@@ -8,13 +8,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from evs.drivers import files
 from evs.drivers.files import library_recorder
 from evs.drivers.sink import SinkStoppedError
-from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
+from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events
+from reference.streams import random_events
 
 pytestmark = pytest.mark.extremes
 
@@ -47,10 +47,8 @@ print(written, report["bytes"])
 
 
 def packet(tick: int) -> EventPacket:
-    random = np.random.default_rng(tick)
-    t = np.sort(random.integers(1000 * tick + 1, 1000 * tick + 1001, 2000))
-    x, y = random.integers(0, 1280, 2000), random.integers(0, 720, 2000)
-    return EventPacket(tick, 0, 0, 1280, 720, make_events(t, x, y, random.integers(0, 2, 2000)))
+    events = random_events(2000, 1000 * tick, 1000 * tick + 1000, (1280, 720), tick)
+    return EventPacket(tick, 0, 0, 1280, 720, events)
 
 
 @pytest.mark.parametrize("name", NAMES)

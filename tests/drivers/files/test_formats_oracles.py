@@ -13,6 +13,7 @@ from evs.drivers import files
 from evs.drivers.files.recording_file import by_tick
 from evs.msgs import EventPacket, Events, StreamInfo, join_events, make_events
 from reference.oracles import OracleProgram
+from reference.streams import random_events
 
 oracle = OracleProgram(Path(__file__).parents[2] / "support" / "oracles" / "foreign_oracles.py")
 STREAM = StreamInfo(
@@ -28,23 +29,19 @@ STREAM = StreamInfo(
 KEEPS_STREAM = ("evt3", "evt2", "dat", "csv", "txt", "hdf5", "rosbag2", "rosbag1")
 
 
-def random_events(count: int, start_us: int, span_us: int) -> Events:
-    random = np.random.default_rng(count)
-    x, y = random.integers(0, 1280, count), random.integers(0, 720, count)
-    x[[0, -1]], y[[0, -1]] = [0, 1279], [0, 719]
-    t = np.sort(random.integers(start_us, start_us + span_us, count, dtype=np.int64))
-    return make_events(t, x, y, random.integers(0, 2, count))
+def seen(count: int, start_us: int, span_us: int) -> Events:
+    return random_events(count, start_us - 1, start_us + span_us, (1280, 720))
 
 
 CASES = {
-    "many": random_events(120_000, 0, 200_000),
-    "long": random_events(3000, 1, 60_000_000),
+    "many": seen(120_000, 0, 200_000),
+    "long": seen(3000, 1, 60_000_000),
     "one": make_events([1], [1279], [719], [1]),
     "zero": make_events([0, 0], [0, 1279], [0, 719], [0, 1]),
-    "2^24": random_events(3000, 2**24 - 5000, 10_000),
-    "2^31": random_events(3000, 2**31 - 5000, 10_000),
-    "2^32": random_events(3000, 2**32 - 5000, 10_000),
-    "packet": random_events(65_535, 5_000_000_500, 400),
+    "2^24": seen(3000, 2**24 - 5000, 10_000),
+    "2^31": seen(3000, 2**31 - 5000, 10_000),
+    "2^32": seen(3000, 2**32 - 5000, 10_000),
+    "packet": seen(65_535, 5_000_000_500, 400),
     "none": make_events([], [], [], []),
 }
 FORMATS = {

@@ -25,15 +25,9 @@ from evs.msgs import (
     join_events,
     make_events,
 )
+from reference.streams import random_packet
 
 STREAM = StreamInfo(346, 260, camera="eye", seed=4, frames=True, imu=True)
-
-
-def packet(tick: int) -> EventPacket:
-    random = np.random.default_rng(tick)
-    t = np.sort(random.integers(1000 * tick + 1, 1000 * tick + 1001, 30))
-    events = make_events(t, random.integers(0, 346, 30), random.integers(0, 260, 30), t % 2)
-    return EventPacket(tick, 1000 * tick, 1000 * tick + 1000, 346, 260, events, "eye")
 
 
 def record(path: Path, ticks: int = 40, seed: int = 4, **options: Any) -> Events:
@@ -46,9 +40,9 @@ def record(path: Path, ticks: int = 40, seed: int = 4, **options: Any) -> Events
         samples = empty_imu(1)
         samples["t"] = at
         sink.write_imu(ImuPacket(tick, samples))
-        sink.write(packet(tick))
+        sink.write(random_packet(tick, 30))
     sink.close()
-    return join_events([packet(tick).events for tick in range(ticks)])
+    return join_events([random_packet(tick, 30).events for tick in range(ticks)])
 
 
 def test_the_first_file_is_all_of_it(tmp_path: Path) -> None:

@@ -18,17 +18,10 @@ from evs.launch.main import main
 from evs.msgs import Events, EvsError, make_events
 from reference.old_formats import AEDAT1_HEAD, aedat1, event_stream, nmnist
 from reference.oracles import ORACLES_PYTHON, OracleProgram
+from reference.streams import random_events
 
 SCRIPT = Path(__file__).parents[2] / "support" / "oracles" / "tonic_oracle.py"
 tonic = OracleProgram(SCRIPT, ORACLES_PYTHON)
-
-
-def random_events(count: int, span_us: int, width: int, height: int) -> Events:
-    random = np.random.default_rng(count)
-    t = np.sort(random.integers(0, span_us, count))
-    x, y = random.integers(0, width, count), random.integers(0, height, count)
-    x[:2], y[:2] = (0, width - 1), (0, height - 1)
-    return make_events(t, x, y, random.integers(0, 2, count))
 
 
 def columns(events: Events) -> list[list[int]]:
@@ -36,7 +29,7 @@ def columns(events: Events) -> list[list[int]]:
 
 
 def test_aedat1_is_read(tmp_path: Path) -> None:
-    events = random_events(100_000, 1 << 31, 128, 128)
+    events = random_events(100_000, -1, 1 << 31 - 1, (128, 128))
     path = tmp_path / "a.aedat"
     path.write_bytes(aedat1(*columns(events)))
     read = files.read(path)
@@ -78,7 +71,7 @@ def test_aedat1_wraps_its_clock_and_may_be_torn(tmp_path: Path) -> None:
 
 
 def test_aedat1_without_a_header_is_refused_with_the_fix(tmp_path: Path) -> None:
-    events = random_events(1000, 1 << 20, 128, 128)
+    events = random_events(1000, -1, 1 << 20 - 1, (128, 128))
     path = tmp_path / "a.aedat"
     path.write_bytes(aedat1(*columns(events), head=b""))
     with pytest.raises(EvsError, match=r"put the line #!AER-DAT1\.0 before it"):
@@ -95,7 +88,7 @@ def test_aedat1_without_a_header_is_refused_with_the_fix(tmp_path: Path) -> None
 def test_nmnist_is_read_as_tonic_reads_it(
     tmp_path: Path, count: int, span_us: int, side: int
 ) -> None:
-    events = random_events(count, span_us, side, side)
+    events = random_events(count, -1, span_us - 1, (side, side))
     path = tmp_path / "a.bin"
     path.write_bytes(nmnist(*columns(events)))
     read = files.read(path)
@@ -108,7 +101,7 @@ def test_nmnist_is_read_as_tonic_reads_it(
 
 def test_a_torn_or_damaged_nmnist_file(tmp_path: Path) -> None:
     path = tmp_path / "a.bin"
-    events = random_events(100, 1000, 34, 34)
+    events = random_events(100, -1, 1000 - 1, (34, 34))
     path.write_bytes(nmnist(*columns(events)) + bytes([3, 250, 0, 4, 0, 1, 1]))
     with (
         pytest.warns(TornTailWarning, match="2 bytes"),
@@ -133,7 +126,7 @@ faery.events_stream_from_array(every, dimensions=(1280, 720)).to_file(sys.argv[2
 @pytest.mark.slow
 @pytest.mark.parametrize("span_us", [100_000, 3_000_000, 300_000_000])
 def test_faerys_event_stream_is_read(tmp_path: Path, span_us: int) -> None:
-    events = random_events(120_000, span_us, 1280, 720)
+    events = random_events(120_000, -1, span_us - 1, (1280, 720))
     # faery counts from the first event
     events["t"] -= events["t"][0]
     given_path, path = tmp_path / "a.npy", tmp_path / "a.es"
@@ -150,7 +143,7 @@ def test_faerys_event_stream_is_read(tmp_path: Path, span_us: int) -> None:
 
 
 def test_the_changes_of_an_atis_are_read_and_its_exposures_counted(tmp_path: Path) -> None:
-    events = random_events(50_000, 10_000_000, 304, 240)
+    events = random_events(50_000, -1, 10_000_000 - 1, (304, 240))
     exposures = np.random.default_rng(2).integers(0, 2, len(events)) == 1
     path = tmp_path / "a.es"
     path.write_bytes(event_stream(304, 240, *columns(events), exposures=exposures.tolist()))
@@ -222,7 +215,7 @@ def test_other_event_streams_are_refused(tmp_path: Path) -> None:
 def test_they_become_every_format_but_are_not_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    events = random_events(500, 100_000, 64, 48)
+    events = random_events(500, -1, 100_000 - 1, (64, 48))
     path = tmp_path / "a.es"
     path.write_bytes(event_stream(64, 48, *columns(events)))
     assert main(["convert", str(path), str(tmp_path / "a.aedat4")]) == 0

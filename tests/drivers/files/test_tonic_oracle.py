@@ -14,6 +14,7 @@ from evs.drivers import files
 from evs.drivers.files.recording_file import by_tick
 from evs.msgs import EventPacket, Events, StreamInfo, make_events
 from reference.oracles import ORACLES_PYTHON, OracleProgram
+from reference.streams import random_events
 
 SCRIPT = Path(__file__).parents[2] / "support" / "oracles" / "tonic_oracle.py"
 tonic = OracleProgram(SCRIPT, ORACLES_PYTHON)
@@ -22,15 +23,9 @@ STREAM = StreamInfo(346, 260, camera="eye", sensor="davis346", seed=9, config={"
 COUNT = 120_000
 
 
-def random_events(begin_us: int, end_us: int, count: int = COUNT) -> Events:
-    """Sorted, over the whole sensor; the first and the last pixel are in it."""
-    random = np.random.default_rng(begin_us % 1000 + count)
-    t = np.sort(random.integers(begin_us, end_us, count))
-    x, y = random.integers(0, 346, count), random.integers(0, 260, count)
-    x[:2], y[:2] = (0, 345), (0, 259)
-    # tonic takes a first byte of '#' for one more line of header
-    y[0] = 0
-    return make_events(t, x, y, random.integers(0, 2, count))
+def seen(begin_us: int, end_us: int, count: int = COUNT) -> Events:
+    # the first one is in row 0: tonic takes a first byte of '#' for one more line of header
+    return random_events(count, begin_us - 1, end_us - 1)
 
 
 SPANS = {
@@ -58,7 +53,7 @@ def record(path: Path, events: Events, at_once: bool = False) -> None:
 def test_tonic_reads_aedat2_bit_exactly(tmp_path: Path) -> None:
     wanted = []
     for name, (begin_us, end_us) in SPANS.items():
-        events = random_events(begin_us, end_us)
+        events = seen(begin_us, end_us)
         path = tmp_path / f"{name}.aedat"
         record(path, events)
         # each file of a recording that wraps begins again at 0
@@ -76,9 +71,9 @@ def test_tonic_reads_aedat2_bit_exactly(tmp_path: Path) -> None:
 @pytest.mark.integration
 def test_tonic_reads_aedat3_bit_exactly(tmp_path: Path) -> None:
     wanted = []
-    cases = {name: (random_events(*span), False) for name, span in SPANS.items()}
-    cases["at_once"] = random_events((1 << 31) - 50, (1 << 31) + 50, 65_535), True
-    cases["one"] = random_events(5, 9, 2)[:1], False
+    cases = {name: (seen(*span), False) for name, span in SPANS.items()}
+    cases["at_once"] = seen((1 << 31) - 50, (1 << 31) + 50, 65_535), True
+    cases["one"] = seen(5, 9, 2)[:1], False
     for name, (events, at_once) in cases.items():
         path = tmp_path / f"{name}.aedat3"
         record(path, events, at_once)
@@ -92,7 +87,7 @@ def test_tonic_reads_aedat3_bit_exactly(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("span", SPANS)
 def test_numpy_reads_csv_bit_exactly(tmp_path: Path, span: str) -> None:
-    events = random_events(*SPANS[span])
+    events = seen(*SPANS[span])
     path = tmp_path / "a.csv"
     record(path, events)
     table = np.loadtxt(path, np.int64, delimiter=",", skiprows=1)
@@ -101,7 +96,7 @@ def test_numpy_reads_csv_bit_exactly(tmp_path: Path, span: str) -> None:
 
 
 def test_faerys_csv_is_read(tmp_path: Path) -> None:
-    events = random_events(1, 2_000_000)
+    events = seen(1, 2_000_000)
     np.save(tmp_path / "a.npy", np.stack([events[name] for name in "txyp"], axis=1))
     code = (
         "import sys, numpy as np, faery\n"

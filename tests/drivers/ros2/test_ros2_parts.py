@@ -15,23 +15,11 @@ from evs.drivers.ros2.middleware import checked_domain, interface_of
 from evs.drivers.ros2.names import GLOBAL, PRIVATE, quality_of
 from evs.drivers.ros2.publisher import Statistics
 from evs.drivers.ros2.sender import Sender, TopicQueue
-from evs.msgs import EventPacket, Events, EvsError, make_events
+from evs.msgs import EventPacket, Events, EvsError
 from evs.msgs.codecs import PAYLOADS, PayloadReader
+from reference.streams import random_packet
 
 PACKETS = 12
-
-
-def packet(seq: int, count: int, start_us: int = 0) -> EventPacket:
-    random = np.random.default_rng([seq, count])
-    begin = start_us + 1000 * seq
-    t = np.sort(random.integers(begin + 1, begin + 1001, count))
-    events = make_events(
-        t,
-        random.integers(0, 346, count),
-        random.integers(0, 260, count),
-        random.integers(0, 2, count),
-    )
-    return EventPacket(seq, begin, begin + 1000, 346, 260, events, "eye")
 
 
 def gathered(builder: EventMessageBuilder, packets: list[EventPacket]) -> list[EventMessage]:
@@ -51,7 +39,7 @@ def decoded(encoding: str, messages: list[EventMessage]) -> Events:
 def test_what_is_gathered_decodes_to_the_events(
     encoding: str, start_us: int, threshold_s: float
 ) -> None:
-    packets = [packet(seq, 200 * (seq % 4), start_us) for seq in range(PACKETS)]
+    packets = [random_packet(seq, 200 * (seq % 4), start_us=start_us) for seq in range(PACKETS)]
     messages = gathered(EventMessageBuilder(encoding, threshold_s, 1_000_000), packets)
     truth = np.concatenate([one.events for one in packets])
     assert np.array_equal(decoded(encoding, messages), truth)
@@ -64,14 +52,14 @@ def test_what_is_gathered_decodes_to_the_events(
 
 @pytest.mark.parametrize(("encoding", "each"), [("libcaer", 8), ("mono", 8)])
 def test_a_message_that_is_large_enough_goes_early(encoding: str, each: int) -> None:
-    packets = [packet(seq, 100) for seq in range(10)]
+    packets = [random_packet(seq, 100) for seq in range(10)]
     messages = gathered(EventMessageBuilder(encoding, 1.0, 4 * 100 * each), packets)
     assert [len(one.data) // each for one in messages] == [400, 400, 200]
 
 
 def test_an_event_is_not_in_two_messages() -> None:
     builder = EventMessageBuilder("evt3", 1.0, 10**9)
-    assert builder.add(packet(0, 5)) == []
+    assert builder.add(random_packet(0, 5)) == []
     assert builder.rest()[0].events == 5
     assert builder.rest() == []
 

@@ -20,10 +20,11 @@ from evs.drivers.ros2 import Ros2Publisher
 from evs.drivers.ros2.names import GLOBAL, PRIVATE, Quality
 from evs.drivers.search_path import search_path
 from evs.drivers.sink import Stream
-from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pose, StreamInfo, make_events
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pose, StreamInfo
 from evs.msgs.codecs import PAYLOADS, PayloadReader
 from evs.msgs.imu import empty_imu
 from reference.ros_readers import KINDS, Ears, domains, ns, writers
+from reference.streams import random_packet
 from reference.turns import rotation
 
 DOMAIN = 1 + os.getpid() % 200
@@ -43,12 +44,7 @@ STREAM = StreamInfo(346, 260, "eye", frames=True, imu=True, camera_info=INFO)
 
 
 def packet(seq: int, count: int = 300, camera: str = "eye") -> EventPacket:
-    random = np.random.default_rng(seq)
-    t = np.sort(random.integers(1000 * seq + 1, 1000 * seq + 1001, count))
-    x, y, p = (random.integers(0, side, count) for side in (346, 260, 2))
-    return EventPacket(
-        seq, 1000 * seq, 1000 * seq + 1000, 346, 260, make_events(t, x, y, p), camera
-    )
+    return random_packet(seq, count, camera=camera)
 
 
 def frame(seq: int, begin_us: int) -> Frame:

@@ -17,7 +17,7 @@ import pytest
 from evs.drivers.bus.address import free_address
 from evs.drivers.files import read, summary
 from evs.drivers.search_path import search_path
-from reference.mjcf import BLUE_BAR
+from reference.mjcf import BAR
 
 pytestmark = pytest.mark.integration
 
@@ -32,7 +32,7 @@ def environment() -> dict[str, str]:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    (tmp_path / "bar.xml").write_text(BLUE_BAR.format(speed=20))
+    (tmp_path / "bar.xml").write_text(BAR.format(speed=20))
     return tmp_path
 
 

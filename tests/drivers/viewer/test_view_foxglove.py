@@ -27,10 +27,11 @@ from evs.drivers.sink_config import SinkConfig
 from evs.drivers.viewer import FoxgloveSink
 from evs.drivers.viewer.outbox import Letter
 from evs.launch import main as program
-from evs.msgs import EventPacket, Events, EvsError, Frame, Pose, StreamInfo, make_events
+from evs.msgs import EventPacket, Events, EvsError, Frame, Pose, StreamInfo
 from evs.msgs.codecs import PayloadReader
 from evs.msgs.pictures import OFF_RGB, ON_RGB, PAPER
 from reference.mjcf import BAR
+from reference.streams import random_packet
 from reference.worker_packets import INFO, worker_sink
 from tests.support.full_disk import fill
 
@@ -61,11 +62,7 @@ TOPICS = {
 
 
 def packet(seq: int, base_us: int = 0) -> EventPacket:
-    random = np.random.default_rng(seq)
-    begin = base_us + 1000 * seq
-    t = np.sort(random.integers(begin + 1, begin + 1001, 30))
-    events = make_events(t, random.integers(0, 64, 30), random.integers(0, 48, 30), t % 2)
-    return EventPacket(seq, begin, begin + 1000, 64, 48, events, "eye")
+    return random_packet(seq, 30, (64, 48), start_us=base_us)
 
 
 def give(sink: FoxgloveSink, ticks: int, base_us: int = 0) -> None:
@@ -239,7 +236,7 @@ def test_other_encodings_of_the_events(encoding: str, tmp_path: Path) -> None:
 @pytest.mark.integration
 @pytest.mark.parametrize("worker", ["false", "true"])
 def test_a_run_records_for_foxglove(worker: str, tmp_path: Path) -> None:
-    (tmp_path / "bar.xml").write_text(BAR)
+    (tmp_path / "bar.xml").write_text(BAR.format(speed=40))
     (tmp_path / "p.toml").write_text(
         "duration_s = 0.1\n[scene]\nfile = 'bar.xml'\nkeyframe = 'fast'\n"
         "[sensor]\nwidth = 48\nheight = 36\n[sensor.aps]\nenabled = true\n"

@@ -28,9 +28,10 @@ from evs.drivers.sink_config import SinkConfig
 from evs.drivers.viewer import ViewSink
 from evs.launch import main as program
 from evs.launch.support import live_view
-from evs.msgs import EventPacket, EvsError, Frame, Pose, StreamInfo, make_events
+from evs.msgs import EventPacket, EvsError, Frame, Pose, StreamInfo
 from evs.msgs.pictures import OFF_RGB, ON_RGB
 from reference.mjcf import BAR
+from reference.streams import random_packet
 from tests.support.full_disk import fill
 
 pytestmark = pytest.mark.skipif(
@@ -79,11 +80,7 @@ def rows(folder: Path, file: Path, whole: bool = True) -> Counter[str]:
 
 
 def packet(seq: int, camera: str = "eye") -> EventPacket:
-    random = np.random.default_rng(seq)
-    t = np.sort(random.integers(1000 * seq + 1, 1000 * seq + 1001, 30))
-    x, y = random.integers(0, 64, 30), random.integers(0, 48, 30)
-    events = make_events(t, x, y, t % 2)
-    return EventPacket(seq, 1000 * seq, 1000 * seq + 1000, 64, 48, events, camera)
+    return random_packet(seq, 30, (64, 48), camera)
 
 
 def frame(seq: int) -> Frame:
@@ -125,7 +122,7 @@ def watched(words: list[str], ticks: int = 100) -> int:
 
 @pytest.mark.slow
 def test_a_run_leaves_a_file_that_rerun_verifies(tmp_path: Path) -> None:
-    (tmp_path / "bar.xml").write_text(BAR)
+    (tmp_path / "bar.xml").write_text(BAR.format(speed=40))
     (tmp_path / "p.toml").write_text(
         "duration_s = 0.2\n[scene]\nfile = 'bar.xml'\nkeyframe = 'fast'\n"
         "[sensor]\nwidth = 48\nheight = 36\n[sensor.aps]\nenabled = true\n"

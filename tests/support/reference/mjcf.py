@@ -1,14 +1,6 @@
 """Scenes in MJCF that several tests use."""
 
 BAR = """
-<mujoco><worldbody><light pos="0 -1 3"/><camera name="eye" pos="0 -2 .6" xyaxes="1 0 0 0 .2 1"/>
-<geom type="plane" size="2 2 .1"/><body pos="0 0 .5"><joint name="spin" axis="0 1 0"/>
-<geom type="box" size=".5 .05 .05"/></body></worldbody>
-<keyframe><key name="fast" qpos="0" qvel="40"/></keyframe></mujoco>
-"""
-"""A bar that spins in the keyframe `fast`."""
-
-BLUE_BAR = """
 <mujoco><worldbody><light pos="0 -1 3" dir="0 .3 -1"/>
 <camera name="eye" pos="0 -2 .6" xyaxes="1 0 0 0 .2 1"/>
 <geom type="plane" size="2 2 .1" rgba=".8 .8 .8 1"/>
@@ -16,7 +8,7 @@ BLUE_BAR = """
 <geom type="box" size=".5 .05 .05" rgba=".1 .2 .9 1"/></body></worldbody>
 <keyframe><key name="fast" qpos="0" qvel="{speed}"/></keyframe></mujoco>
 """
-"""The same in colour, at any speed in rad/s."""
+"""A blue bar that spins in the keyframe `fast`, at any speed in rad/s."""
 
 ARM = """
 <mujoco>

@@ -1,4 +1,4 @@
-"""A Hypothesis strategy for recordings: a stream and its packets."""
+"""Recordings: events at random, and a Hypothesis strategy for a stream and its packets."""
 
 from __future__ import annotations
 
@@ -7,10 +7,34 @@ from collections.abc import Sequence
 import numpy as np
 from hypothesis import strategies as st
 
-from evs.msgs import Events, StreamInfo, make_events
+from evs.msgs import EventPacket, Events, StreamInfo, make_events
 
 EDGES_US = (0, 1, 999, 1000, 2**24, 2**31, 2**32, 2**33, 2**34 - 1_000_000)
 """Stamps at which something wraps in one format or another, us."""
+
+
+def random_events(
+    count: int, begin_us: int, end_us: int, size: tuple[int, int] = (346, 260), seed: int = 0
+) -> Events:
+    """Make sorted events, begin_us < t <= end_us, the first two in corners of the sensor."""
+    random = np.random.default_rng([seed, count])
+    t = np.sort(random.integers(begin_us + 1, end_us + 1, count, dtype=np.int64))
+    x, y, p = (random.integers(0, side, count) for side in (*size, 2))
+    x[:2], y[:2] = (0, size[0] - 1)[:count], (0, size[1] - 1)[:count]
+    return make_events(t, x, y, p)
+
+
+def random_packet(
+    seq: int,
+    count: int,
+    size: tuple[int, int] = (346, 260),
+    camera: str = "eye",
+    start_us: int = 0,
+) -> EventPacket:
+    """Make the packet of a tick of 1 ms, of random events that are others in each tick."""
+    begin = start_us + 1000 * seq
+    events = random_events(count, begin, begin + 1000, size, seq)
+    return EventPacket(seq, begin, begin + 1000, *size, events, camera)
 
 
 @st.composite
