@@ -134,7 +134,7 @@ class AppendingRecorder(Sink):
                 os.ftruncate(self._file.fileno(), self._position)
                 os.lseek(self._file.fileno(), self._position, os.SEEK_SET)
             self._failure = stopped_text(
-                self._path, self._events, reason, "what was recorded is readable"
+                self._path, self._events, reason, "the events before that are readable"
             )
             raise SinkStoppedError(self._failure) from None
         self._position += len(data)

@@ -32,7 +32,7 @@ def stopped_text(path: Path, events: int, reason: OSError, outcome: str) -> str:
         outcome: What becomes of them, in words.
     """
     return (
-        f"recording to {path} stopped after {events} events: {reason.strerror}; {outcome}, free "
+        f"recording to {path} stopped after {events} events: {reason.strerror}; {outcome}; free "
         "some space and run again"
     )
 

@@ -50,8 +50,8 @@ def _thresholds(sensor: Mapping[str, Any]) -> Iterator[str]:
     for keys, theta in _means(sensor):
         if theta < LEAST_THRESHOLD:
             yield (
-                f"sensor.{keys} {theta:g}, so black to white is {math.log(255) / theta:,.0f} "
-                "events per pixel; real sensors have 0.1 or more"
+                f"sensor.{keys} {theta:g}, so a change from black to white gives "
+                f"{math.log(255) / theta:,.0f} events per pixel; real sensors have 0.1 or more"
             )
         if theta > MOST_THRESHOLD:
             yield (
@@ -93,8 +93,8 @@ def _spread(sensor: Mapping[str, Any]) -> Iterator[str]:
         share = 0.5 * math.erfc((theta - floor) / sigma / math.sqrt(2.0))
         if share > MUCH_AT_FLOOR:
             yield (
-                f"sensor.sigma_thres is {sigma:g} and {keys} {theta:g}: {100 * share:.0f} % of "
-                f"these thresholds are at the lowest, {floor:g}; lower sigma_thres"
+                f"sensor.{keys} {theta:g} with sigma_thres={sigma:g}, so {100 * share:.0f} % of "
+                f"these thresholds are at the minimum, {floor:g}; lower sigma_thres"
             )
 
 
@@ -111,10 +111,14 @@ def _means(sensor: Mapping[str, Any]) -> list[tuple[str, float]]:
 def _slow(sensor: Mapping[str, Any]) -> Iterator[str]:
     blind_s = sensor.get("refractory_period_s") or 0.0
     if blind_s >= LONG_BLIND_S:
-        yield f"sensor.refractory_period_s: after each event a pixel is blind for {blind_s:g} s"
+        yield (
+            f"sensor.refractory_period_s is {blind_s:g}, so a pixel is blind for {blind_s:g} s "
+            "after each event"
+        )
     for key in ("cutoff_hz", "follower_hz"):
         hz = sensor.get(key) or 0.0
         if 0.0 < hz < SLOW_HZ:
             yield (
-                f"sensor.{key} is {hz:g}: a pixel follows the light {0.5 / math.pi / hz:.2g} s late"
+                f"sensor.{key} is {hz:g}, so a pixel lags {0.5 / math.pi / hz:.2g} s behind the "
+                "light"
             )

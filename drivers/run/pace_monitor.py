@@ -33,7 +33,7 @@ class PaceMonitor:
             back_s = pacer.went_back_s - self._warned_back_s
             self._warn(
                 f"this machine's clock went back by {back_s:.3g} s: "
-                "it is not waited for, packets go on as if it had not"
+                "the run does not wait for it to catch up, and packets continue on schedule"
             )
             self._warned_back_s = pacer.went_back_s
         if pacer.slipped_s <= self._warned_s:
@@ -73,7 +73,7 @@ class PaceMonitor:
         pacer = self._pacer
         self._warned_s = pacer.slipped_s
         self._warn(
-            f"this machine cannot keep up: packets leave up to {pacer.worst_late_s:.2g} s late, so "
-            f"simulated time has slipped {pacer.slipped_s:.3g} s behind the wall clock so far "
-            f"(slower, but no tick is left out); {_ADVICE}"
+            f"this machine cannot keep up: packets leave up to {pacer.worst_late_s:.2g} s late, "
+            f"and simulated time has slipped {pacer.slipped_s:.3g} s behind the wall clock so far "
+            f"(the run is slower, but skips no tick); {_ADVICE}"
         )

@@ -147,7 +147,7 @@ class RunStatistics:
     def new_warnings(self) -> list[str]:
         """Return the warnings of this tick, each once a camera. Call after every tick.
 
-        After the first tick: a camera sees nothing lit, and settings that are unlikely to be
+        After the first tick: a camera sees no lit surface, and settings that are unlikely to be
         intended. Later: values had to be replaced.
         """
         lines = []
@@ -158,18 +158,19 @@ class RunStatistics:
                 lines += lint(name, camera.info.config, camera.info.camera_info, mean)
                 if camera.is_dark:
                     lines.append(
-                        f"camera '{name}' sees nothing lit, the picture is dark: give "
-                        "the scene a light, or use its headlight (render.headlight=model); if all "
-                        "of it is nearer than the near plane, lower camera.near_m"
+                        f"camera '{name}' sees no lit surface, so the picture is dark: give the "
+                        "scene a light, or use its headlight (render.headlight=model); if the "
+                        "whole scene is nearer than the near plane, lower camera.near_m"
                     )
             if camera.clamps and camera.info.camera not in self._warned_clamps:
                 name = camera.info.camera
                 self._warned_clamps.add(name)
                 lines.append(
-                    f"camera '{name}': {camera.clamps:,} values of tick {self.ticks:,} were "
-                    "impossible and were replaced or cut (light that is negative, NaN or infinite; "
-                    "a network's change or membrane out of its range); the report's clamps counts "
-                    "them: look for a material or a light that is far too strong"
+                    f"camera '{name}': {camera.clamps:,} values in tick {self.ticks:,} were "
+                    "invalid or out of range and were replaced or clamped (light that is negative, "
+                    "NaN or infinite, or a network's input or membrane potential beyond its "
+                    "limit); the run report counts them as clamps: look for a material or a light "
+                    "that is far too strong"
                 )
         return lines
 

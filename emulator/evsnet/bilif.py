@@ -67,7 +67,7 @@ def decay_tables(tau_s: float, tick_us: int) -> Decay:
     if step**HIGH_ENTRIES >= LEAST:
         longest_s = LOW_TICKS * HIGH_ENTRIES * tick_us * 1e-6 / 69.4
         raise EvsError(
-            f"tau_s is {tau_s:g}; in ticks of {tick_us} us make it at most {longest_s:.3g} s"
+            f"tau_s is {tau_s:g}; with ticks of {tick_us} us, it can be at most {longest_s:.3g} s"
         )
     return Decay(_rounded(low), _rounded(_powers(step, HIGH_ENTRIES)))
 

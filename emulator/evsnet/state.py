@@ -236,9 +236,10 @@ def check_dense(weights: Network, width: int, height: int) -> None:
     _, free_gb = memory_gb()
     if needed_gb > free_gb:
         raise EvsError(
-            f"a dense {width}x{height} state of {weights.channels} channels is {needed_gb:.3g} GB; "
-            f"{free_gb:.3g} GB are free: use a smaller sensor, a network of fewer channels, or "
-            "runtime native with a network without biases, which keeps only what moves"
+            f"a dense {width}x{height} state of {weights.channels} channels needs {needed_gb:.3g} "
+            f"GB, but only {free_gb:.3g} GB are free: use a smaller sensor, a network with fewer "
+            "channels, or runtime native with a network without biases, which stores only the "
+            "active pixels"
         )
 
 
@@ -248,7 +249,7 @@ def check_growth(more_bytes: int, t_us: int, width: int, height: int) -> None:
     _, free_gb = memory_gb()
     if needed_gb > free_gb:
         raise EvsError(
-            f"what moves up to {t_us} us of {width}x{height} px is {needed_gb:.3g} GB of network "
-            f"state; {free_gb:.3g} GB are free: use a smaller sensor, a network of fewer channels, "
-            "or model plain"
+            f"at {t_us} us, the network state of the active pixels of {width}x{height} needs "
+            f"{needed_gb:.3g} GB, but only {free_gb:.3g} GB are free: use a smaller sensor, a "
+            "network with fewer channels, or model plain"
         )

@@ -109,7 +109,7 @@ class NetworkWeights:
         most_events(self.events_per_tick)
         if not self._largest_sum() <= MAX_CURRENT:
             raise EvsError(
-                f"network '{self.name}': its weights are so large that a current may be over "
+                f"network '{self.name}': its weights are so large that a current may exceed "
                 f"{MAX_CURRENT:g}; train it again"
             )
 

@@ -60,9 +60,9 @@ def flicker_warnings(
     lit = {light.name for light in lights if config.headlight == "model" or not light.headlight}
     own = {table.light for table in config.flicker}
     return tuple(
-        f"light '{table.light}' pulses {pulse_hz(table):g} times a second, over half of the "
-        f"{1e6 / tick_us:g} ticks: each tick sees a mean, its events are not the pulses'; "
-        f"{_shorter(table)}"
+        f"light '{table.light}' pulses {pulse_hz(table):g} times a second, more than half the "
+        f"tick rate ({1e6 / tick_us:g} per second): each tick sees only the mean, so the events do "
+        f"not show the pulses; {_shorter(table)}"
         for table in config.flicker
         if (table.light in lit or (table.light == EVERY and lit - own))
         and table.depth > 0.0
@@ -79,7 +79,7 @@ def pulse_hz(table: FlickerConfig) -> float:
 def _shorter(table: FlickerConfig) -> str:
     """What would show it."""
     longest = int(0.5e6 / pulse_hz(table))
-    return f"give scene.tick_us={longest} or less" if longest else "no tick is short enough"
+    return f"set scene.tick_us to {longest} or less" if longest else "no tick is short enough"
 
 
 def mean(table: FlickerConfig, begin_us: int, end_us: int) -> float:

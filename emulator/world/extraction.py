@@ -62,7 +62,7 @@ def extract_scene(
     deforming, strands = Deformables(model, visual), Strands(model, visual)
     if not len(geoms) + len(deforming) + len(sites) + len(strands):
         raise EvsError(
-            f"nothing to see: none of the model's {model.ngeom} geoms is in groups "
+            f"nothing to see: no geom of the model ({model.ngeom} in all) is in groups "
             f"{_in_words(visual.geomgroup)} with alpha above 0; give the scene some geometry"
             f"{_other_groups(model, visual)}"
         )

@@ -110,7 +110,8 @@ def _check_finite(values: F32 | F64, what: str, name: str) -> None:
     """MuJoCo's parser refuses such values; a model may get them later."""
     bad = int(np.count_nonzero(~np.isfinite(values)))
     if bad:
-        raise EvsError(f"{what} '{name}' has {bad} values that are not finite; give it numbers")
+        values_are = "1 value that is" if bad == 1 else f"{bad} values that are"
+        raise EvsError(f"{what} '{name}' has {values_are} not finite; use finite numbers")
 
 
 def face_normals(vertices: F32, faces: I32) -> F64:

@@ -23,15 +23,15 @@ SUN = 1.6e9 * math.pi / 1000.0
 USUAL = (0.5, 0.05, 0.9, 0.9, 0.004, 0.5, 1.0)
 """ordinary light, which a stream has to get right after an extreme"""
 
-DARK_LINE = "sees nothing lit"
+DARK_LINE = "sees no lit surface"
 
 
 def _judged(shown: GridCapture, warnings: int = 0, more: tuple[str, ...] = ()) -> Measurement:
     """Count the wrong events, and one more for each unexpected or missing warning and clamp."""
     seen = shown.capture
     unexpected = abs(len(seen.warnings) - warnings) + seen.report.clamps
-    messages = (*seen.warnings, f"events {seen.report.events:,}", *more)
-    return Measurement(shown.wrong + unexpected, 0, "events", messages, shown.is_explained)
+    messages = (*seen.warnings, f"{seen.report.events:,} events", *more)
+    return Measurement(shown.wrong + unexpected, 0, "wrong events", messages, shown.is_explained)
 
 
 def _no_light(short: bool) -> Measurement:
@@ -62,8 +62,8 @@ def _black_to_sun(short: bool) -> Measurement:
     crowded = float(len(np.unique(sun["t"])) < 50 or bool((np.diff(events["t"]) < 0).any()))
     measurement = _judged(shown, warnings=1)
     each = len(sun) // shown.light[0].size
-    more = (*measurement.messages, f"{each} events of each pixel in the tick of the sun")
-    return Measurement(measurement.value + crowded, 0, "events", more, measurement.recovered)
+    more = (*measurement.messages, f"{each} events per pixel in the tick of the sun")
+    return Measurement(measurement.value + crowded, 0, "wrong events", more, measurement.recovered)
 
 
 SUN_WIDTH_PX, SUN_HEIGHT_PX, SUN_TICK_US = 32, 24, 1000
@@ -115,10 +115,10 @@ def _sun_disc(short: bool) -> Measurement:
     explained = residual_thresholds(shone.events, light[0], light[-1]) < 1.001
     messages = (
         *shone.warnings,
-        f"events {shone.report.events:,}, without the sun {usual.report.events:,}",
-        f"{100 * path:.0f} % of the pixels are in its way",
+        f"{shone.report.events:,} events, without the sun {usual.report.events:,}",
+        f"{100 * path:.0f} % of the pixels are on its path",
     )
-    return Measurement(value, 0, "events", messages, explained and same_end)
+    return Measurement(value, 0, "wrong events", messages, explained and same_end)
 
 
 LAMP_PX = 8
@@ -171,8 +171,8 @@ def _pulsing(
     return Measurement(
         wrong + unexpected,
         0,
-        "events",
-        (*seen.warnings, f"events {seen.report.events:,}"),
+        "wrong events",
+        (*seen.warnings, f"{seen.report.events:,} events"),
         residual_thresholds(seen.events, light[0], light[-1]) < 1.001,
     )
 
@@ -259,7 +259,7 @@ def _bad_material(short: bool) -> Measurement:
         missed += not np.array_equal(below, zero)
     usual = capture(_invalid_scene('<material name="wall"/>'), 0.002)
     return Measurement(
-        missed, 0, "bad numbers", tuple(dict.fromkeys(messages)), usual.report.clamps == 0
+        missed, 0, "bad numbers missed", tuple(dict.fromkeys(messages)), usual.report.clamps == 0
     )
 
 
@@ -296,109 +296,108 @@ def _broken_renderer(short: bool) -> Measurement:
     wrong = differing(clean.capture, broken.capture)
     clamps = broken.capture.report.clamps
     expected = ticks * len(NO_LIGHT) * FLASH_PX
-    lines = [
-        line for line in broken.capture.warnings if "were impossible and were replaced" in line
-    ]
+    lines = [line for line in broken.capture.warnings if "out of range and were replaced" in line]
     value = wrong + abs(clamps - expected) + abs(len(lines) - 1) + clean.capture.report.clamps
-    messages = (*broken.capture.warnings, f"clamps {clamps:,}")
-    return Measurement(value, 0, "events or clamps", messages, broken.is_explained)
+    messages = (*broken.capture.warnings, f"clamps: {clamps:,}")
+    return Measurement(value, 0, "wrong events or clamps", messages, broken.is_explained)
 
 
 CASES = (
     StressCase(
         "no-light",
         "light",
-        "a picture in which nothing is lit, then normal light",
-        "no events without light, then those of ln(light), one by one; one warning reports that "
-        "nothing is lit",
+        "a picture without any light, then normal light",
+        "no events without light, then events that match ln(light) one by one; one warning that "
+        "no lit surface is in view",
         _no_light,
     ),
     StressCase(
         "denormal-light",
         "light",
-        "light of 1e-45 ... 1e-38, denormal float32, changing every ms, then normal light",
-        "no events: log light is linear below e DN, so the changes are 1e-36 of a threshold; then "
-        "the events of ln(light), one by one",
+        "light of 1e-45 ... 1e-38 (denormal in float32) that changes every ms, then normal light",
+        "no events in denormal light, because log light is linear below e DN and its changes are "
+        "1e-36 of a threshold; then events that match ln(light) one by one",
         _denormal,
     ),
     StressCase(
         "fifteen-decades",
         "light",
-        "light from 1e-6 to 1e9 lux (1e-9 to 1e6 times white) side by side in a picture that "
-        "moves back and forth, so that each pixel's light changes by a decade per ms",
-        "ln(10) / threshold = 11.5 events per decade: each pixel's count in each tick is that of "
-        "the exact logarithm",
+        "stripes of light from 1e-6 to 1e9 lux (1e-9 to 1e6 times white) that move back and "
+        "forth, so that each pixel's light changes by a decade per ms",
+        "ln(10) / threshold = 11.5 events per decade: each pixel's event count in each tick is "
+        "that of the exact logarithm",
         _decades,
     ),
     StressCase(
         "black-to-sun",
         "light",
-        "from no light to the sun's disc (1.6e9 cd/m2) on every pixel in one tick, and back",
-        "floor(ln(DN) / threshold) = 104 events of each pixel within the tick, and as many on the "
-        "way back; then normal light, event by event",
+        "from darkness to the sun's disc (1.6e9 cd/m2) on every pixel in one tick, and back",
+        "floor(ln(DN) / threshold) = 104 events per pixel within the tick, and as many on the way "
+        "back; then normal light, with events that match ln(light) one by one",
         _black_to_sun,
     ),
     StressCase(
         "sun-in-view",
         "light",
         "the sun's disc (1.6e9 cd/m2, 0.53 degrees, 1.6 px wide) crosses a lit scene",
-        "pixels off its path give the same bytes as a film without it; those on its path give the "
-        "events of ln(light), one by one; its centre has its full light; then the picture is as "
-        "before",
+        "pixels off its path give the same bytes as without the sun; the events of the pixels on "
+        "its path match ln(light) one by one; the centre of the disc has its full luminance; "
+        "afterwards, the picture is the same as without the sun",
         _sun_disc,
     ),
     StressCase(
         "strobe-10-khz",
         "light",
-        "a lamp switched at 10 kHz, dark between its pulses, ticks of 1 ms",
-        "no events: the light of a tick is the mean over 10 whole pulses; a warning names the "
-        "lamp and the tick that would show it; then a shutter, event by event",
+        "a lamp that pulses at 10 kHz and is dark between its pulses, in ticks of 1 ms",
+        "no events, because the light of a tick is the mean over 10 whole pulses; a warning names "
+        "the lamp and the tick length that would show the pulses; then a shutter closes, and its "
+        "events match ln(light) one by one",
         _strobe,
     ),
     StressCase(
         "strobe-aliased",
         "light",
-        "a lamp switched at 640 Hz, ticks of 1 ms: a tick is not a whole number of pulses, so "
-        "the two beat",
-        "the events of the waveform's integral over each tick, one by one, and the same warning",
+        "a lamp that pulses at 640 Hz, in ticks of 1 ms: a tick is not a whole number of pulses, "
+        "so ticks and pulses beat",
+        "the events match the waveform's integral over each tick one by one; the same warning",
         _strobe_beats,
     ),
     StressCase(
         "strobe-followed",
         "light",
         "the 10 kHz lamp in ticks of 25 us, four per pulse",
-        "the events of the waveform's integral over each tick, one by one, no warning",
+        "the events match the waveform's integral over each tick one by one; no warning",
         _strobe_seen,
     ),
     StressCase(
         "mains",
         "light",
         "a lamp on 50 Hz mains, whose light swings by 30 % a hundred times per second",
-        "the events of the waveform's integral over each tick, one by one, no warning",
+        "the events match the waveform's integral over each tick one by one; no warning",
         _mains,
     ),
     StressCase(
         "mains-slow-ticks",
         "light",
         "the same lamp in ticks of 10 ms, one per pulse",
-        "no events, a warning that recommends a tick; then a shutter, event by event",
+        "no events, and a warning that recommends a tick length; then a shutter closes, and its "
+        "events match ln(light) one by one",
         _mains_slow_ticks,
     ),
     StressCase(
         "bad-material",
         "light",
         "NaN, infinite and negative numbers in materials and lights",
-        "each is rejected with a one-line message that names it; a negative one is shown as 0, "
-        "as in MuJoCo's "
-        "viewer",
+        "NaN and infinite numbers are rejected with a one-line message that names the material or "
+        "light; negative numbers are shown as 0, as in MuJoCo's viewer",
         _bad_material,
     ),
     StressCase(
         "no-light-at-all",
         "light",
-        "a renderer that gives NaN, infinite, negative or far too large light for a while",
-        "each is replaced by the pixel's last light and counted, one by one; one warning; the "
-        "events are those of a film without faults",
+        "a renderer that returns NaN, infinite, negative or far too strong light for a while",
+        "each such value is replaced by the pixel's last light and counted; one warning; the "
+        "events are those of a run without faults",
         _broken_renderer,
     ),
 )

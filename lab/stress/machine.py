@@ -76,7 +76,7 @@ def _threads(short: bool) -> Measurement:
     one, *others = (spun(seconds, {"threads": count}) for count in (1, 2, many))
     wrong = sum(_differing(one.events, other.events) for other in others)
     return Measurement(
-        wrong, 0, "other events", (f"{len(one.events):,} events with 1, 2, {many} threads",)
+        wrong, 0, "differing events", (f"{len(one.events):,} events with 1, 2 and {many} threads",)
     )
 
 
@@ -94,8 +94,8 @@ def _portable(short: bool) -> Measurement:
     bare = _without_avx(seconds)
     auto = spun(seconds)
     wrong += _differing(auto.events, bare.recorded)
-    messages = f"{made + len(auto.events):,} events, each the same"
-    return Measurement(wrong, 0, "other events", (messages,), bare.code == 0)
+    messages = f"{made + len(auto.events):,} events, all identical"
+    return Measurement(wrong, 0, "differing events", (messages,), bare.code == 0)
 
 
 def _without_avx(seconds: float) -> ProcessResult:
@@ -155,7 +155,7 @@ def _stolen(short: bool) -> Measurement:
     messages = (*warned[:1], f"slips: {pace['slips']}, slipped_s: {pace['slipped_s']}")
     right = caught_up and len(warned) > 0 and pace["slips"] > 0
     wrong = _differing(loaded.events, undisturbed.events)
-    return Measurement(wrong, 0, "other events", messages, right)
+    return Measurement(wrong, 0, "differing events", messages, right)
 
 
 @contextmanager
@@ -313,49 +313,50 @@ CASES = (
     StressCase(
         "threads",
         "machine",
-        "one thread, two threads, and four per core plus one",
+        "one thread, two threads, and four threads per core plus one",
         "the same bytes",
         _threads,
     ),
     StressCase(
         "no-avx",
         "machine",
-        "no AVX: renderers, pixels and network on the portable path; NumPy and the C library also "
-        "without it",
+        "no AVX: renderers, pixels and network take the portable path, and NumPy and the C library "
+        "do not use AVX either",
         "the same bytes as on the fastest instruction set",
         _portable,
     ),
     StressCase(
         "stolen-time",
         "machine",
-        "sixteen busy processes on the core of a run that is limited to a third of its speed",
-        "the same events as undisturbed; a warning and the report state by how much time slipped; "
-        "when the processes are gone, it catches up",
+        "sixteen busy processes on the core of a run that is paced at a third of its free speed",
+        "the same events as in an undisturbed run; a warning and the report state how far time has "
+        "slipped; when the processes have ended, the run catches up",
         _stolen,
     ),
     StressCase(
         "clock-jumps",
         "machine",
         "the clock of a paced run jumps an hour ahead, then two hours back",
-        "no wait is longer than a tick (2 ms at half speed), and the events are the same; both "
+        "no wait is longer than a tick (2 ms at half speed), the events are the same, and both "
         "jumps are reported",
         _jumps,
     ),
     StressCase(
         "memory-limit",
         "machine",
-        "a burst of 600 MB of events with 300 MB left; starts with 10, 170, 225 and 240 MB",
-        "one line, exit code 2; every event that the recorder counted is read back, and those "
-        "before the burst equal those of a run without a limit",
+        "a burst of 600 MB of events with 300 MB of memory left; runs that start with 10, 170, 225 "
+        "and 240 MB left",
+        "one line and exit code 2; every event that the recorder counted is read back, and the "
+        "events before the burst equal those of a run without a limit",
         _memory,
     ),
     StressCase(
         "disk-full",
         "machine",
-        "a recording on a disk with 64 kB of room (real ones: "
+        "a recording on a disk with 64 kB of space left (for real disks, see "
         "tests/drivers/files/test_*_full_disk.py)",
-        "every event that the recorder counted is read back; one line reports when it stopped, "
-        "exit code 2; the camera and the bus continue",
+        "every event that the recorder counted is read back; one line reports when the recording "
+        "stopped; the camera and the bus continue; the exit code is 2",
         _disk,
     ),
 )

@@ -40,7 +40,8 @@ def _speeds(short: bool) -> Measurement:
         worst, recovered = max(worst, share), recovered and is_explained(seen)
         rate = EVENTS * HEIGHT_PX * speed_px_s
         messages.append(
-            f"{speed_px_s:g} px/s in ticks of {tick_us} us: {rate:g} events/s, {share:.2f}"
+            f"{speed_px_s:g} px/s in ticks of {tick_us} us: {rate:g} events/s, {share:.2f} of the "
+            "bound"
         )
         messages += seen.warnings
     return Measurement(worst, 1.0, "of the bound", tuple(messages), recovered)
@@ -81,7 +82,9 @@ def _inside(short: bool) -> Measurement:
         recovered = recovered and shown.is_explained and shown.capture.report.clamps == 0
         events += shown.capture.report.events
         messages += shown.capture.warnings
-    return Measurement(wrong, 0, "events or ticks", (*messages, f"events {events:,}"), recovered)
+    return Measurement(
+        wrong, 0, "wrong events or ticks", (*messages, f"{events:,} events"), recovered
+    )
 
 
 def _teleport(short: bool) -> Measurement:
@@ -93,10 +96,12 @@ def _teleport(short: bool) -> Measurement:
 
     shown = capture_scene(ROOM.format("box"), ticks, move)
     first, last = shown.light[0], shown.light[-1]
-    messages = (*shown.capture.warnings, f"events {shown.capture.report.events:,}")
+    messages = (*shown.capture.warnings, f"{shown.capture.report.events:,} events")
     moved = (shown.light[4] != first).mean()
     same = np.array_equal(first, last) and shown.is_explained and moved > 0.01
-    return Measurement(shown.wrong + shown.capture.report.clamps, 0, "events", messages, bool(same))
+    return Measurement(
+        shown.wrong + shown.capture.report.clamps, 0, "wrong events", messages, bool(same)
+    )
 
 
 CART = """<mujoco><option timestep=".001"/><worldbody>
@@ -137,7 +142,9 @@ def _explosion(short: bool) -> Measurement:
     world.data.qvel[0] = SPEED_M_S
     again = join_events([world.step()[0].events for _ in range(good)])
     recovered = np.array_equal(again, usual.events) and len(again) > 0
-    return Measurement(wrong + (not named) + (not ended), 0, "events", (report.ended,), recovered)
+    return Measurement(
+        wrong + (not named) + (not ended), 0, "wrong events", (report.ended,), recovered
+    )
 
 
 EYE = '<camera name="eye" pos="0 0 {}" fovy="45"/>'
@@ -154,7 +161,7 @@ def _no_bodies(short: bool) -> Measurement:
         refusal = str(error)
     named = "nothing to see" in refusal and "give the scene some geometry" in refusal
     complete = seen.report.ticks == ticks and bool(seen.world.cameras[0].luminance.any())
-    return Measurement(len(seen.events) + (not named), 0, "events", (refusal,), complete)
+    return Measurement(len(seen.events) + (not named), 0, "wrong events", (refusal,), complete)
 
 
 def _crowd(side: int, together: bool) -> str:
@@ -188,9 +195,9 @@ def _many_bodies(short: bool) -> Measurement:
         for together in (False, True)
     )
     bodies = seen.world.model.nbody - 1
-    messages = (*seen.warnings, f"{bodies:,} bodies, events {seen.report.events:,}")
+    messages = (*seen.warnings, f"{bodies:,} bodies: {seen.report.events:,} events")
     right = bodies == side * side and one.world.model.nbody == 2 and len(seen.events) > 1000
-    return Measurement(differing(seen, one), 0, "events", messages, right)
+    return Measurement(differing(seen, one), 0, "wrong events", messages, right)
 
 
 SIDE_PX = 48
@@ -235,7 +242,7 @@ def _scales(short: bool) -> Measurement:
     ticks, worst = 15 if short else 150, 0.0
     usual = _capture_scaled(1.0, ticks)
     counted = event_counts(usual.capture.events, ticks, 1000, (SIDE_PX, SIDE_PX))
-    messages, recovered = [f"1 m: events {usual.capture.report.events:,}"], usual.is_explained
+    messages, recovered = [f"1 m: {usual.capture.report.events:,} events"], usual.is_explained
     for scale in (1e-6, 1e6) if short else (1e-6, 1e-3, 1e3, 1e6):
         shown = _capture_scaled(scale, ticks)
         apart = np.abs(shown.light - usual.light) > 1e-3 * usual.light.max()
@@ -244,49 +251,49 @@ def _scales(short: bool) -> Measurement:
         worst = max(worst, float(apart.mean()), other)
         recovered = recovered and shown.is_explained and shown.wrong == usual.wrong == 0
         messages += [
-            f"{scale:g} m: events {shown.capture.report.events:,}",
+            f"{scale:g} m: {shown.capture.report.events:,} events",
             *shown.capture.warnings,
         ]
-    return Measurement(worst, MOST_APART, "of pixels, events", tuple(messages), recovered)
+    return Measurement(worst, MOST_APART, "of the pixels or events", tuple(messages), recovered)
 
 
 CASES = (
     StressCase(
         "speeds",
         "motion",
-        "an edge at 1e-6, 1e-3, 1, 1e3 and 1e6 px/s, ticks of 10 us ... 250 s",
-        "floor(ln(bright / dim) / threshold) = 8 events of each pixel, each within a tick plus a "
-        "64th of a pixel's passage of its closed-form time",
+        "an edge that moves at 1e-6, 1e-3, 1, 1e3 and 1e6 px/s, in ticks of 10 us ... 250 s",
+        "floor(ln(bright / dim) / threshold) = 8 events per pixel, each at its closed-form time to "
+        "within a tick plus the time in which the edge moves 1/64 of a pixel",
         _speeds,
     ),
     StressCase(
         "camera-inside",
         "motion",
         "a sphere, a box, a capsule, a cylinder and an ellipsoid pass through the camera",
-        "a closed shape around the camera is invisible: the picture is then, to the bit, the one "
-        "without it; the events are those of ln(light), one by one",
+        "a closed shape around the camera is invisible: while it is there, the picture is "
+        "bit-identical to the one without it; the events match ln(light) one by one",
         _inside,
     ),
     StressCase(
         "teleport",
         "motion",
-        "every other tick, a box is 1 km and then 1e9 m away, and then back in its place",
-        "the events of ln(light), one by one; once it is back, the picture equals the first to "
-        "the bit and each pixel's events add up to zero",
+        "every other tick, a box jumps 1 km or 1e9 m away, or back in front of the camera",
+        "the events match ln(light) one by one; once the box is back in its first place, the "
+        "picture is bit-identical to the first and each pixel's events add up to zero",
         _teleport,
     ),
     StressCase(
         "exploding-physics",
         "motion",
         "a force of 1e14 N on a cart",
-        "the run ends with one line that names time, joint and body; the recording has every "
-        "event up to that time; after a reset the world gives the same bytes again",
+        "the run ends with one line that names the time, the joint and the body; the recording has "
+        "every event up to that time; after a reset, the world gives the same bytes again",
         _explosion,
     ),
     StressCase(
         "no-bodies",
         "motion",
-        "a world with one still geom and no bodies; an empty world",
+        "a world with one static geom and no bodies; an empty world",
         "no events in the first; the second is rejected with a one-line message that states what "
         "to do",
         _no_bodies,
@@ -295,8 +302,8 @@ CASES = (
         "ten-thousand-bodies",
         "motion",
         "10,000 balls, each on its own joint, roll through the picture",
-        "the same bytes as with one body that carries all the balls: positions are sums without "
-        "rounding",
+        "the same bytes as with one body that carries all the balls, because positions are sums "
+        "without rounding",
         _many_bodies,
     ),
     *meshes.CASES,
@@ -304,9 +311,9 @@ CASES = (
         "world-scales",
         "motion",
         "the same scene at 1e-6, 1e-3, 1e3 and 1e6 times its size",
-        "the same light, and the same events in the same ticks, except where a sample lies as "
-        "close to an edge, or a crossing as close to the end of a tick, as float32 rounds: under "
-        "1e-3",
+        "the same light, and the same events in the same ticks, except where float32 rounding "
+        "moves a sample across an edge or a threshold crossing across the end of a tick (in fewer "
+        "than 1e-3 of the pixels and of the events)",
         _scales,
     ),
 )

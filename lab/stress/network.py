@@ -153,7 +153,7 @@ def _long_memory(short: bool) -> Measurement:
         lambda: capture_network(through(1.0, 1.01 * LONGEST_TAU_S), lambda _tick: OPEN, 2)
     )
     named = "tau_s is 15.251" in refusal and "15.1 s" in refusal
-    return Measurement(off_by, ROUNDINGS, "roundings", (refusal,), named)
+    return Measurement(off_by, ROUNDINGS, "rounding errors", (refusal,), named)
 
 
 def _quiet(short: bool) -> Measurement:
@@ -163,7 +163,7 @@ def _quiet(short: bool) -> Measurement:
     count = 200 if short else 5000
     ran, put = (_left_over(0.5, count, real)[0] for real in (True, False))
     return Measurement(
-        off_by, ROUNDINGS, "roundings", ("no event",), ran.tobytes() == put.tobytes()
+        off_by, ROUNDINGS, "rounding errors", ("no events",), ran.tobytes() == put.tobytes()
     )
 
 
@@ -218,49 +218,49 @@ def _large(short: bool) -> Measurement:
 
 
 _MEMBRANE = (
-    "|V| is limited to 64; one event per pixel and tick; every limited value is counted; no events "
-    "later than 64 ticks and the network's window after the last change"
+    "|V| stays within 64; at most one event per pixel and tick; every clamped value is counted; no "
+    "events later than 64 ticks plus the network's window after the last change"
 )
 
 CASES = (
     StressCase(
         "tau-shortest",
         "network",
-        "time constants of 1e-6 and 1e-300 s, ticks of 1 ms, steps of 1.1 and of 0.9 thresholds",
-        "an event for each step of 1.1, none for 0.9: e^-1000 is zero",
+        "time constants of 1e-6 and 1e-300 s, ticks of 1 ms, light steps of 1.1 and 0.9 thresholds",
+        "one event for each step of 1.1 and none for 0.9, because e^-1000 is zero",
         _forgetful,
     ),
     StressCase(
         "tau-longest",
         "network",
-        "a time constant of 15.1 s, the longest for ticks of 1 ms, and waits up to 2^20 ticks",
-        "V becomes V e^(-t / tau) to within 4.5 roundings of 2^-24; a longer tau is rejected in "
-        "one line",
+        "a time constant of 15.1 s, the longest for ticks of 1 ms, and waits of up to 2^20 ticks",
+        "V becomes V e^(-t / tau) to within 4.5 rounding errors of 2^-24; a longer tau is rejected "
+        "with a one-line message",
         _long_memory,
     ),
     StressCase(
         "quiet-1e9-ticks",
         "network",
-        "a billion quiet ticks (11.6 days) between two steps of light",
-        "V becomes V e^(-t / tau) to within 4.5 roundings of 2^-24; executed ticks leave the same "
-        "bits as skipped ticks",
+        "a billion quiet ticks (11.6 days) between two light steps",
+        "V becomes V e^(-t / tau) to within 4.5 rounding errors of 2^-24; executed ticks leave the "
+        "same bits as skipped ticks",
         _quiet,
     ),
     StressCase(
         "x-at-its-clamp",
         "network",
-        "steps of 20.7 log units in every tick (cut at 20), current 100",
+        "a step of 20.7 log units in every tick (clamped at 20), with a current of 100",
         _MEMBRANE,
         _clamped,
     ),
     StressCase(
-        "weights-0", "network", "weights of zeros under a strobe", "no event, V = 0", _zeros
+        "weights-0", "network", "all weights 0, in strobe light", "no events, V = 0", _zeros
     ),
     StressCase(
         "weights-1e6",
         "network",
-        "weights of a million under a strobe",
-        f"{_MEMBRANE}; a network whose sums may exceed 1e30 is rejected with a one-line message",
+        "all weights 1e6, in strobe light",
+        f"{_MEMBRANE}; a network whose current may exceed 1e30 is rejected with a one-line message",
         _large,
     ),
 )

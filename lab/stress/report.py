@@ -13,19 +13,19 @@ from evs_lab.stress.stress_case import CaseResult
 
 BEGIN = "<!-- written by evs doctor --markdown from here -->"
 END = "<!-- to here -->"
-HEAD = "| | what is done | bound | measured | what a user sees |\n|---|---|---|---|---|"
+HEAD = "| case | scenario | bound | measured | messages and counts |\n|---|---|---|---|---|"
 
 
 def measured(result: CaseResult) -> str:
     """The measurement with its limit: 0.263 thresholds, at most 1."""
     if result.measurement is None:
-        return f"broke down: {result.error}"
+        return f"stopped by {result.error}"
     found = result.measurement
     value = f"{_number(found.value)} {found.unit}".rstrip()
     text = f"{value}, at most {_number(found.limit)}"
     if found.recovered:
         return text
-    return f"{text}, and the stream or what is said of it is not right afterwards"
+    return f"{text}, and the stream or its report is wrong afterwards"
 
 
 def table(every: Iterable[CaseResult]) -> str:

@@ -72,12 +72,15 @@ def _blind(short: bool) -> Measurement:
     for_long = capture_sweep(length, length, {"refractory_period_s": length * 1e-3})
     again = for_long.counts(for_long.capture.within(length * 1000, 10**9))[0].astype(bool)
     worst = float((on + off).max()) if on.any() or off.any() else math.nan
-    return Measurement(
-        worst, 1, "events per pixel", messages_of(for_ever), named and bool(again.any())
-    )
+    unit = "event per pixel" if worst == 1 else "events per pixel"
+    return Measurement(worst, 1, unit, messages_of(for_ever), named and bool(again.any()))
 
 
-_PIXEL = "a pixel's thresholds times its events are within one threshold of the change in its light"
+_PIXEL = (
+    "for each pixel, ON minus OFF events times its threshold is within one threshold of the change "
+    "in log light"
+)
+_REVERSED = "the change back gives as many ON events as there were OFF events"
 
 
 def _slow(short: bool) -> Measurement:
@@ -156,7 +159,7 @@ def _saturated(short: bool) -> Measurement:
     ends = np.arange(0, ticks * 1000 + 1, 1000)
     busiest = int(np.diff(np.searchsorted(chip.capture.events["t"], ends, "right")).max())
     dropped = report.cameras[0]["events_dropped"]
-    messages = (f"{made:,} events made, {out:,} read out, dropped: {_causes(dropped)}",)
+    messages = (f"{made:,} events generated, {out:,} read out, dropped: {_causes(dropped)}",)
     calm_us = rest * 1000
     after, expected = (capture.within(calm_us, 10**9) for capture in (ideal.capture, chip.capture))
     right = lost > 0 and busiest <= 12_001 and _same_pixels(after, expected)
@@ -190,7 +193,7 @@ def _size(width: int, height: int, short: bool) -> Measurement:
     right = bool(on[-1, -1] > 0 and (off == 2 * on).all())
     report = shown.capture.report
     messages = (
-        f"{report.events:,} events of {width}x{height} px, {report.events_dropped} dropped",
+        f"{report.events:,} events from {width}x{height} px, {report.events_dropped} dropped",
     )
     return Measurement(
         shown.residual_thresholds(), 1.0 + shown.rounding(), "thresholds", messages, right
@@ -207,7 +210,7 @@ def _network(short: bool) -> Measurement:
             _film_network(side, 4)
     except EvsError as error:
         refusal = str(error)
-    found = re.search(r"is ([\d.e+]+) GB of network state; [\d.e+-]+ GB are free", refusal)
+    found = re.search(r"needs ([\d.e+]+) GB, but only [\d.e+-]+ GB are free", refusal)
     needed_gb = state_bytes(pixels) / 1e9
     off_by = abs(float(found[1]) - needed_gb) if found and "\n" not in refusal else float("nan")
     # with room it is there again, and what moves has events
@@ -235,64 +238,63 @@ def _plain(width: int, height: int) -> Callable[[bool], Measurement]:
 
 _TOLD = (
     "every pixel, including the last one, reports the change in light to within one threshold (a "
-    "full threshold would be another event), and does so again in reverse"
+    "whole threshold would be another event), and again when the change is reversed"
 )
 
 CASES = (
     StressCase(
         "threshold-0.001",
         "sensor",
-        "thresholds of 0.001, 5,500 events per pixel from white to black",
-        f"{_PIXEL} (plus 2^-19, rounding of two logarithms); on the way back, as many ON as OFF",
+        "thresholds of 0.001: 5,500 events per pixel from white to black",
+        f"{_PIXEL} (plus 2^-19 for the rounding of two logarithms); {_REVERSED}",
         _low,
     ),
     StressCase(
         "threshold-10",
         "sensor",
-        "thresholds of 10 under a contrast of e^20.7",
-        f"{_PIXEL}; on the way back, as many ON as OFF",
+        "thresholds of 10 with a contrast of e^20.7",
+        f"{_PIXEL}; {_REVERSED}",
         _high,
     ),
     StressCase(
         "sigma-over-theta",
         "sensor",
         "thresholds of 0.5 with a spread of 0.6",
-        f"none below 0.01; {_PIXEL}, with its own threshold; a warning reports how many are at the "
-        "floor",
+        f"no threshold is below 0.01; {_PIXEL}; a warning reports the share of thresholds at the "
+        "minimum",
         _spread,
     ),
     StressCase(
         "refractory-beyond-run",
         "sensor",
-        "pixels that are blind for 100 s after an event",
-        "at most one event per pixel, and a warning; a pixel that is blind for less time sees "
+        "pixels that are blind for 100 s after each event",
+        "at most one event per pixel, and a warning; pixels with a shorter refractory period see "
         "again afterwards",
         _blind,
     ),
     StressCase(
         "cutoff-0.01-hz",
         "sensor",
-        "a photoreceptor with a bandwidth of 0.01 Hz goes dark",
-        "events per pixel: log(255) (1 - e^(-2 pi f t)) / theta, to within 1 and half of the "
-        "events of the tick in which it goes dark; a warning; after 20 time constants, all events "
-        "have occurred",
+        "a step from white to black with a photoreceptor bandwidth of 0.01 Hz",
+        "events per pixel: log(255) (1 - e^(-2 pi f t)) / theta, to within 1 plus half the events "
+        "of the tick of the step; a warning; after 20 time constants, all events have occurred",
         _slow,
     ),
     StressCase(
         "cutoff-1-mhz",
         "sensor",
-        "a bandwidth of 1 MHz, compared with no limit",
-        "the same events, late by the pole's 1 / (2 pi f) in the dark, plus 1 us, because stamps "
-        "are whole",
+        "a bandwidth of 1 MHz, compared with unlimited bandwidth",
+        "the same events, late by at most the pole's 1 / (2 pi f) in the dark plus 1 us, because "
+        "timestamps are whole microseconds",
         _fast,
     ),
     StressCase(
         "every-pixel-every-tick",
         "sensor",
-        "the whole picture alternates between black and white, tick by tick, through a DAVIS346's "
-        "readout",
-        "events made = read out + dropped (counted by cause) + waiting; at most 12 Mev/s are read "
-        "out; later events are all read out",
+        "the whole picture alternates between black and white every tick, through the readout of a "
+        "DAVIS346",
+        "events generated = read out + dropped (counted by cause) + waiting; at most 12 Mev/s are "
+        "read out; in a slow sweep afterwards, all events are read out",
         _saturated,
     ),
     StressCase("size-1x1", "sensor", "a sensor with one pixel", _TOLD, _plain(1, 1)),
@@ -309,10 +311,10 @@ CASES = (
     StressCase(
         "evsnet-4096x4096",
         "sensor",
-        "the network on the same number of pixels, all moving, with less memory than its state "
-        "needs",
-        "rejected with a one-line message that states the required memory, 4 x 6 bytes per pixel "
-        "and input, to 3 digits; then a smaller network runs",
+        "the network on 4096 x 4096 pixels (short: 1024 x 1024), all changing, with less memory "
+        "than its state needs",
+        "rejected with a one-line message that states the required memory (4 x 6 bytes per pixel "
+        "and input) to 3 digits; then the network runs on 64 x 64 pixels",
         _network,
     ),
 )

@@ -37,7 +37,7 @@ def _ticks(short: bool) -> Measurement:
         seen = capture_edge(SPEED_PX_S, tick_us, width_px)
         share = worst_share(seen, SPEED_PX_S, tick_us, width_px)
         worst, recovered = max(worst, share), recovered and is_explained(seen)
-        messages.append(f"ticks of {tick_us} us: {share:.2f}")
+        messages.append(f"ticks of {tick_us} us: {share:.2f} of the bound")
         messages += seen.warnings
     return Measurement(worst, 1.0, "of the bound", tuple(messages), recovered)
 
@@ -108,7 +108,7 @@ def _day(short: bool) -> Measurement:
         f"memory grew by {growth / 1024:.0f} KiB",
     )
     steady = growth <= most and world.t_us == hours * HOUR_TICKS * DAY_TICK_US
-    return Measurement(other + count_error + late, 0, "hours or events", messages, steady)
+    return Measurement(other + count_error + late, 0, "wrong hours or events", messages, steady)
 
 
 def _late(scene: Path, begin_s: float) -> int:
@@ -221,7 +221,7 @@ def _starts(short: bool) -> Measurement:
         if missing:
             notes.append(f"from {start_us} us on the bus: {len(received)} events, lost {lost}")
     again = _capture_from(0, ".aedat4")
-    return Measurement(wrong, 0, "events", tuple(notes), np.array_equal(again, usual))
+    return Measurement(wrong, 0, "wrong events", tuple(notes), np.array_equal(again, usual))
 
 
 RESET_PX = 2
@@ -257,7 +257,7 @@ def _resets(short: bool) -> Measurement:
     most = LEAST_BYTES * resets * 9 // 10 if not short else 2**20
     varied = len(set(first)) == SEEDS and all(len(events) > 0 for events in first)
     steady = last == first and growth <= most and varied
-    return Measurement(wrong, 0, "episodes", messages, steady)
+    return Measurement(wrong, 0, "wrong episodes", messages, steady)
 
 
 def _episode(world: World, seed: int) -> bytes:
@@ -275,35 +275,36 @@ CASES = (
     StressCase(
         "tick-lengths",
         "time",
-        "an edge at 100 px/s in ticks of 10 us, 100 us, 1 ms, 10 ms and 100 ms",
-        "the same 8 events of each pixel, each within a tick plus a 64th of a pixel's passage of "
-        "its closed-form time",
+        "an edge that moves at 100 px/s, in ticks of 10 us, 100 us, 1 ms, 10 ms and 100 ms",
+        "the same 8 events per pixel, each at its closed-form time to within a tick plus the time "
+        "in which the edge moves 1/64 of a pixel",
         _ticks,
     ),
     StressCase(
         "a-day",
         "time",
-        "24 h of stream time in a run loop (ticks of 1 s); an EventCamera whose clock begins a day "
-        "late, at 2^31 us, 2^32 us and a Unix time",
-        "every hour has the same bytes as the second, and as many events as the closed form; "
-        "nothing is kept per tick (16 bytes would be noticed); late clocks change only the stamps",
+        "24 h of simulated time in ticks of 1 s; an EventCamera whose clock starts at 1 day, "
+        "2^31 us, 2^32 us and a Unix time",
+        "from the second hour on, every hour has the same bytes, and as many events as the closed "
+        "form; no memory is leaked (16 bytes per tick would be detected); a late clock changes "
+        "only the timestamps",
         _day,
     ),
     StressCase(
         "start-times",
         "time",
-        "scene.start_us of 2^31 us, 2^32 us, a Unix time and the year 2112, written to every "
-        "format, through the player and the bus",
-        "the same events, that much later, to the microsecond",
+        "scene.start_us of 2^31 us, 2^32 us, a Unix time and the year 2112, recorded in every "
+        "format and played back over the bus",
+        "the same events, later by exactly scene.start_us",
         _starts,
     ),
     StressCase(
         "a-million-resets",
         "time",
-        "1,000,000 resets of a world with a noisy camera, every 1000th with a different seed and "
-        "ticks",
-        "the same bytes as an episode of a new world each time, with stamps and packet numbers "
-        "from the beginning; nothing is kept per reset (16 bytes would be noticed)",
+        "1,000,000 resets of a world with a noisy camera; every 1000th takes a different seed and "
+        "is followed by two ticks",
+        "the same bytes each time as in an episode of a new world, with timestamps and packet "
+        "numbers from the beginning; no memory is leaked (16 bytes per reset would be detected)",
         _resets,
     ),
 )

@@ -222,7 +222,7 @@ class Aedat4Recorder(Sink):
             what = f"{part_path(self._path, self._parts)} already exists"
         self._failure = (
             f"recording to {self._path} stopped after {self._counts['events']} events: "
-            f"{what}; what was recorded is readable, free some space and run again"
+            f"{what}; the events before that are readable; free some space and run again"
         )
         raise SinkStoppedError(self._failure) from None
 

@@ -81,8 +81,9 @@ def test_each_is_a_line_with_measured_value_and_bound(
     ("one", "messages"),
     [
         (tried(BAD), "2.5 ms, at most 1"),
-        (tried(UNRECOVERED), "0 events, at most 0, and the stream or what is said of it is not"),
-        (tried(None, error="EvsError: it broke"), "broke down: EvsError: it broke"),
+        (tried(UNRECOVERED),
+         "0 events, at most 0, and the stream or its report is wrong afterwards"),
+        (tried(None, error="EvsError: it broke"), "stopped by EvsError: it broke"),
         (tried(Measurement(math.nan, 1.0, "us")), "nan us, at most 1"),
     ],
 )  # fmt: skip

@@ -75,7 +75,7 @@ def test_what_came_before_is_kept(
             sink.write(packet(tick))
             written.append(packet(tick).events)
 
-    with pytest.raises(SinkStoppedError, match=r"No space left on device; they are kept, free"):
+    with pytest.raises(SinkStoppedError, match=r"No space left on device; they are kept; free"):
         record()
     with pytest.raises(SinkStoppedError, match="stopped after"):
         sink.write(packet(5000))

@@ -36,15 +36,18 @@ def test_nobody_doubts_a_preset(preset: str) -> None:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"pos_thres": 0.001}, "sensor.pos_thres is 0.001, so black to white is 5,541 events"),
+        ({"pos_thres": 0.001},
+         "sensor.pos_thres is 0.001, so a change from black to white gives 5,541 events"),
         ({"neg_thres": 0.005}, "sensor.neg_thres is 0.005, so"),
         ({"pos_thres": 0.009, "neg_thres": 0.009}, "sensor.pos_thres and neg_thres are 0.009"),
         ({"pos_thres": 20.0}, "sensor.pos_thres is 20, so one event takes e^20 times the light"),
         ({"neg_thres": 3.0}, "sensor.neg_thres is 3, so one event takes 20 times the light"),
-        ({"sigma_thres": 0.2}, "sigma_thres is 0.2 and pos_thres and neg_thres are 0.2: 17 % of"),
-        ({"refractory_period_s": 100.0}, "after each event a pixel is blind for 100 s"),
-        ({"cutoff_hz": 0.01}, "sensor.cutoff_hz is 0.01: a pixel follows the light 16 s late"),
-        ({"follower_hz": 0.1}, "sensor.follower_hz is 0.1: a pixel follows the light 1.6 s late"),
+        ({"sigma_thres": 0.2},
+         "sensor.pos_thres and neg_thres are 0.2 with sigma_thres=0.2, so 17 % of"),
+        ({"refractory_period_s": 100.0},
+         "sensor.refractory_period_s is 100, so a pixel is blind for 100 s after each event"),
+        ({"cutoff_hz": 0.01}, "sensor.cutoff_hz is 0.01, so a pixel lags 16 s behind the light"),
+        ({"follower_hz": 0.1}, "sensor.follower_hz is 0.1, so a pixel lags 1.6 s behind the light"),
     ],
 )  # fmt: skip
 def test_one_line_names_the_key(given: dict[str, float], said: str) -> None:

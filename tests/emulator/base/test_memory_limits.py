@@ -90,7 +90,8 @@ def test_a_limit_on_address_space() -> None:
 
 def test_a_network_that_would_outgrow_it_is_told_so() -> None:
     check_growth(1000, 0, 4, 4)
-    with address_space(10**9), pytest.raises(EvsError, match=r"is 5 GB of .*; [01].* GB are free"):
+    said = r"active pixels .* needs 5 GB, but only [01].* GB are free"
+    with address_space(10**9), pytest.raises(EvsError, match=said):
         check_growth(5 * 10**9, 7000, 640, 480)
 
 

@@ -465,7 +465,7 @@ def test_nothing_below_2_to_the_minus_100_comes_in() -> None:
 
 def test_a_time_constant_that_outlasts_the_table_is_refused() -> None:
     with pytest.raises(
-        EvsError, match=r"^tau_s is 16; in ticks of 1000 us make it at most 15.1 s$"
+        EvsError, match=r"^tau_s is 16; with ticks of 1000 us, it can be at most 15.1 s$"
     ):
         decay_tables(16.0, 1000)
 

@@ -217,7 +217,9 @@ def test_thresholds_out_of_reach() -> None:
     for threshold in (1e-300, 1e300):
         with pytest.raises(EvsError, match=r"sensor\.pos_thres is 0\.2; .* trained for 1e"):
             model(weights=replace(WEIGHTS, threshold=threshold))
-    with pytest.raises(EvsError, match=r"tau_s is 100; in ticks of 1000 us make it at most 15.1"):
+    with pytest.raises(
+        EvsError, match=r"tau_s is 100; with ticks of 1000 us, it can be at most 15.1"
+    ):
         model(weights=replace(WEIGHTS, tau_s=100.0))
 
 
@@ -227,9 +229,9 @@ def test_a_dense_state_that_does_not_fit(monkeypatch: pytest.MonkeyPatch) -> Non
     assert dense_bytes(eight, 4096, 4096) == (20 + 4 * 7 * 49) * 4096**2
     monkeypatch.setattr("evs.emulator.evsnet.state.memory_gb", lambda: (20.0, 16.2))
     says = (
-        "a dense 4096x4096 state of 8 channels is 23.4 GB; 16.2 GB are free: use a smaller sensor, "
-        "a network of fewer channels, or runtime native with a network without biases, which keeps "
-        "only what moves"
+        "a dense 4096x4096 state of 8 channels needs 23.4 GB, but only 16.2 GB are free: use a "
+        "smaller sensor, a network with fewer channels, or runtime native with a network without "
+        "biases, which stores only the active pixels"
     )
     refused(says, lambda: model(large, eight))
     refused(says, lambda: EvsNetModel(large, eight, runtime="onnxruntime"))
@@ -261,8 +263,8 @@ def test_memory_is_what_the_machine_says() -> None:
         ({"linlog_dn": 1.0}, "linlog_dn is 1.0"),
         ({"linlog_dn": float("inf")}, "linlog_dn is inf"),
         ({"linlog_dn": float("nan")}, "linlog_dn is nan"),
-        ({"last": np.full(4, 1e29, np.float32)}, "a current may be over 1e.30"),
-        ({"last_bias": 1e31}, "a current may be over 1e.30"),
+        ({"last": np.full(4, 1e29, np.float32)}, "a current may exceed 1e.30"),
+        ({"last_bias": 1e31}, "a current may exceed 1e.30"),
     ],
 )
 def test_weights_without_sense(change: dict[str, object], says: str) -> None:
@@ -275,11 +277,11 @@ def test_weights_that_could_overflow_on_the_way() -> None:
     block = WEIGHTS.blocks[0]
     large = replace(block.first, weight=block.first.weight * np.float32(1e30))
     small = replace(block.second, weight=block.second.weight * np.float32(1e-30))
-    with pytest.raises(EvsError, match="a current may be over"):
+    with pytest.raises(EvsError, match="a current may exceed"):
         replace(WEIGHTS, blocks=(Block(large, small), *WEIGHTS.blocks[1:]))
     # also past blocks that add nothing: 20 in two channels, times 1e29
-    with pytest.raises(EvsError, match="a current may be over"):
+    with pytest.raises(EvsError, match="a current may exceed"):
         through_network(1e29)
     huge = replace(block.first, weight=np.full_like(block.first.weight, 3e38))
-    with pytest.raises(EvsError, match="a current may be over"):
+    with pytest.raises(EvsError, match="a current may exceed"):
         replace(WEIGHTS, blocks=(Block(huge, huge),) * 8)

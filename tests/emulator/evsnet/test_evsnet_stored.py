@@ -164,7 +164,7 @@ def test_the_library_reads_the_same_tensors(tmp_path: Path) -> None:
         ("encoder.weight", np.full((4, 1, 7, 1), np.nan), "encoder.weight holds a NaN or Inf"),
         ("last.weight", np.full((1, 4, 1, 1), np.inf), "last holds a NaN or Inf"),
         ("last.bias", np.array([np.nan]), "last_bias is nan"),
-        ("encoder.weight", np.full((4, 1, 7, 1), 3e38), "a current may be over 1e+30"),
+        ("encoder.weight", np.full((4, 1, 7, 1), 3e38), "a current may exceed 1e+30"),
         ("last.weight", np.ones((1, 0, 1, 1)), "encoder.weight is (4, 1, 7, 1); it must be (0, 1,"),
         ("blocks.3.first.weight", np.ones((4, 4, 7, 1)), "9 convolutions, look_ahead in its"),
         ("blocks.999999.x", np.ones(1), "has 2000001 convolutions, look_ahead in its sidecar 7"),

@@ -20,14 +20,14 @@ LAMPS = """<mujoco><visual><headlight active="0"/></visual><worldbody><camera po
 @pytest.mark.parametrize(
     ("hz", "form", "tick_us", "told"),
     [
-        (10_000.0, "pwm", 1000, "scene.tick_us=50 or less"),
-        (501.0, "sine", 1000, "scene.tick_us=998 or less"),
+        (10_000.0, "pwm", 1000, "scene.tick_us to 50 or less"),
+        (501.0, "sine", 1000, "scene.tick_us to 998 or less"),
         (251.0, "mains", 1000, "502 times a second"),
         (1e6, "sine", 1000, "no tick is short enough"),
         (500.0, "sine", 1000, ""),
         (250.0, "mains", 1000, ""),
         (10_000.0, "pwm", 50, ""),
-        (50.0, "mains", 10_000, "scene.tick_us=5000 or less"),
+        (50.0, "mains", 10_000, "scene.tick_us to 5000 or less"),
     ],
 )
 def test_over_half_the_ticks_is_told_of(
