@@ -86,7 +86,7 @@ def capture_scene(
     mjcf: str,
     ticks: int,
     act: Callable[[int, World], None],
-    sensor: Mapping[str, Any] | None = None,
+    tables: Mapping[str, Any] | None = None,
     files: Mapping[str, bytes] | None = None,
 ) -> GridCapture:
     """Capture any scene in ticks of 1 ms; the light of each pixel is the renderer's.
@@ -95,7 +95,7 @@ def capture_scene(
         mjcf: text of the scene.
         ticks: how many.
         act: as for `capture`; what it moves before the first tick is already in the reference.
-        sensor: [sensor], over IDEAL.
+        tables: of the pipeline.
         files: as for `capture`.
     """
     light: list[F64] = []
@@ -105,7 +105,7 @@ def capture_scene(
             light.append(np.asarray(world.cameras[0].luminance, np.float64))
         act(tick, world)
 
-    seen = capture(mjcf, ticks / 1e3, {"sensor": dict(sensor or {})}, record, files=files)
+    seen = capture(mjcf, ticks / 1e3, dict(tables or {}), record, files=files)
     return GridCapture(seen, np.array([light[0], *light]), 1000)
 
 

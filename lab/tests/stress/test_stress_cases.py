@@ -86,6 +86,21 @@ def test_a_stress_case_keeps_its_bound(case: StressCase) -> None:
     assert result.holds, (result.measurement, result.error)
 
 
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, id=case.name)
+        # those of the machine need it for themselves
+        for group in GROUPS
+        if group != "machine"
+        for case in cases_of(group)
+    ],
+)
+def test_evs_doctor_finds_that_it_keeps_its_bound(case: StressCase) -> None:
+    result = run_case(case, short=True)
+    assert result.holds, (result.measurement, result.error)
+
+
 def test_a_listener_on_a_busy_machine_loses_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
