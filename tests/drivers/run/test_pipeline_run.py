@@ -150,7 +150,7 @@ def test_a_whole_run() -> None:
     assert [said["type"] for said in report.sinks] == ["one", "two"]
     # each camera's once, when they begin
     assert [line.split(" were")[0] for line in report.warnings] == [
-        f"camera '{name}': 3 values of tick 1" for name in "ab"
+        f"camera '{name}': 3 values in tick 1" for name in "ab"
     ]
     assert kept == [report]
     for sink in sinks:

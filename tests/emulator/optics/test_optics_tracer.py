@@ -13,7 +13,7 @@ from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.optics import project
 from evs.emulator.render import make_renderer
 from evs.msgs import EvsError
-from reference.film import Film
+from reference.instants import Film
 
 WIDTH, HEIGHT = 173, 131  # no multiple of a packet
 PLUMB_BOB = CameraConfig(

@@ -11,7 +11,7 @@ from evs.emulator.base.scene import CameraModel
 from evs.emulator.config import CameraConfig
 from evs.emulator.optics import make_lens
 from evs.msgs import EvsError
-from reference.film import Film
+from reference.instants import Film
 
 WIDTH, HEIGHT = 61, 45
 CAMERA = CameraModel(WIDTH, HEIGHT, 40.0, 42.0, 29.0, 24.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.base.scene import F32
-from reference.film import Film
+from reference.instants import Film
 
 SIDE = 128
 PIXEL = 2 / SIDE

@@ -15,7 +15,7 @@ from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorC
 from evs.emulator.render import NativeRenderer, make_renderer
 from evs.emulator.sensor import resolve_sensor
 from evs.msgs import Events, EvsError, join_events
-from reference.film import Film
+from reference.instants import Film
 from reference.scenes import SAMPLED_OUTLINES
 
 WIDTH, HEIGHT = 67, 45  # no multiple of a packet

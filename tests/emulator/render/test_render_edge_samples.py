@@ -10,7 +10,7 @@ import pytest
 from evs.emulator.base.scene import F32
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import make_renderer
-from reference.film import Film
+from reference.instants import Film
 
 SIZE = 40
 SPP = 16

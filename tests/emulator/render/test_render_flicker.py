@@ -16,7 +16,7 @@ from evs.emulator.render.flicker import Flicker, mean
 from evs.emulator.simulation.world import World
 from evs.emulator.world import extract_scene
 from evs.msgs import EvsError
-from reference.film import Film
+from reference.instants import Film
 
 LAMPS = """<mujoco><visual><headlight ambient=".1 .1 .1" diffuse="0 0 0" specular="0 0 0"/></visual>
   <worldbody>

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from evs.emulator.base.scene import SceneSnapshot
-from reference.film import Film
+from reference.instants import Film
 from reference.scenes import SAMPLED_OUTLINES
 
 F64 = npt.NDArray[np.float64]

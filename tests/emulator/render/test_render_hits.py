@@ -13,7 +13,7 @@ from evs.emulator.base.scene import CameraModel
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene, load_model
-from reference.film import Film
+from reference.instants import Film
 
 Rays = Callable[[CameraModel], np.ndarray]
 

@@ -11,7 +11,7 @@ from evs.emulator.base.scene import F32, CameraPose
 from evs.emulator.config import CameraConfig
 from evs.emulator.sensor import PlainModel, SensorParameters
 from evs.msgs import Events, join_events
-from reference.film import Film
+from reference.instants import Film
 
 WIDTH, HEIGHT = 24, 144
 CAMERA_M, RIM_M, HAZE = 3.0, 0.7 * 50, 0.4

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.base.scene import F32, U8
-from reference.film import Film
+from reference.instants import Film
 from reference.memory import PEAK
 
 SIDE = 2048

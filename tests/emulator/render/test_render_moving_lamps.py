@@ -12,7 +12,7 @@ import pytest
 from evs.emulator.base.scene import SceneSnapshot
 from evs.emulator.config import CameraConfig, FlickerConfig
 from evs.emulator.render import NativeRenderer
-from reference.film import Film
+from reference.instants import Film
 
 WIDTH, HEIGHT = 118, 90  # no multiple of a packet, nor of a block of them
 PACKETS = 30 * 23

@@ -11,7 +11,7 @@ from evs.emulator.base.scene import F32
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import NativeRenderer, make_renderer
 from evs.msgs import EvsError
-from reference.film import Film
+from reference.instants import Film
 
 ROOM = """<mujoco><visual><headlight ambient=".1 .1 .1" diffuse="0 0 0"/></visual><asset>
     <material name="wall" rgba=".8 .7 .6 1" specular=".2"/>

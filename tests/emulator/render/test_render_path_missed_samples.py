@@ -13,7 +13,7 @@ from evs.emulator import _core
 from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.scene import F32, F64
 from evs.emulator.config import CameraConfig
-from reference.film import Film
+from reference.instants import Film
 
 WIDTH, HEIGHT, TICKS = 75, 50, 40  # no multiple of a packet
 SCENE = """

@@ -12,7 +12,7 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.base.scene import LightKind, SceneModel
 from evs.emulator.config import CameraConfig, FlickerConfig
-from reference.film import Film
+from reference.instants import Film
 
 WIDTH, HEIGHT = 75, 50  # no multiple of a packet
 TICKS = 14

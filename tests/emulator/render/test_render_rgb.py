@@ -9,7 +9,7 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.config import CameraConfig
 from reference.closed_forms import linear
-from reference.film import Film
+from reference.instants import Film
 
 WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
 

@@ -15,7 +15,7 @@ from evs.emulator import _core
 from evs.emulator.base.scene import CameraPose
 from evs.emulator.config import CameraConfig
 from evs.emulator.render import make_renderer
-from reference.film import Film
+from reference.instants import Film
 from reference.path_stages import metal_bulb
 
 WIDTH, HEIGHT = 117, 83  # no multiple of a packet

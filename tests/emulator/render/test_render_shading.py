@@ -10,7 +10,7 @@ from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.config import CameraConfig
 from evs.msgs import EvsError
 from reference.closed_forms import linear
-from reference.film import Film
+from reference.instants import Film
 from reference.scenes import SAMPLED_OUTLINES
 
 DARK = '<visual><headlight active="0"/></visual>'

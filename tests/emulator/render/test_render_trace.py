@@ -12,7 +12,7 @@ from evs.emulator import _core
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import NativeRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
-from reference.film import Film
+from reference.instants import Film
 
 WIDTH, HEIGHT = 97, 61
 

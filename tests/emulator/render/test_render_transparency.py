@@ -8,7 +8,7 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.config import CameraConfig
 from reference.closed_forms import linear
-from reference.film import Film
+from reference.instants import Film
 from reference.scenes import SAMPLED_OUTLINES
 
 GLOW = '<material name="{0}" emission="1" specular="0" rgba="{1} {1} {1} {2}"/>'

@@ -13,7 +13,7 @@ from evs.emulator import _core
 from evs.emulator.base.scene import CameraModel, CameraPose, GroundTruth
 from evs.emulator.config import CameraConfig
 from evs.emulator.world import BoundCamera, extract_scene
-from reference.film import Film
+from reference.instants import Film
 
 Rays = Callable[[CameraModel], np.ndarray]
 

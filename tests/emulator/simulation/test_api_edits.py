@@ -113,9 +113,9 @@ def test_an_edit_that_cannot_be_shown_is_one_line_until_it_is_undone():
     model.geom_rgba[:] = kept
     model.hfield_data[3] = np.inf
     for _ in range(2):
-        with pytest.raises(evs.EvsError, match="height field 'hill' has 1 values"):
+        with pytest.raises(evs.EvsError, match="height field 'hill' has 1 value that"):
             sensor.refresh()
-    with pytest.raises(evs.EvsError, match="height field 'hill' has 1 values"):
+    with pytest.raises(evs.EvsError, match="height field 'hill' has 1 value that"):
         sensor.observe(data)
     model.hfield_data[:] = heights
     sensor.observe(data)
