@@ -256,6 +256,11 @@ class SceneModel:
     hidden: tuple[str, ...] = ()
     """one line for each group with geoms that these hide"""
 
+    @property
+    def has_meshes(self) -> bool:
+        """Whether a mesh, height field, skin or flex is shown."""
+        return bool((self.geom_mesh >= 0).any())
+
     def without_sites(self) -> SceneModel:
         """The same, with the same rows, in which no site is hit."""
         sites = self.geom_kind == ObjectKind.SITE

@@ -103,7 +103,8 @@ def plan_scene(
         elif feature.name in switches.on:
             reason = CANNOT
         decisions.append(Decision(feature, on, reason, forced))
-    view = _view(bound, config)
+    render = render.for_scene(scene.has_meshes)
+    view = _view(bound, render, model.name)
     if RENDERERS[render.renderer].traced:
         packets = -(-view["width"] // PACKET_SIDE) * -(-view["height"] // PACKET_SIDE)
         view["camera_rays"] = packets * PACKET_SIDE**2 * render.samples
@@ -111,9 +112,9 @@ def plan_scene(
     return ScenePlan(has, mobility, view, tuple(decisions))
 
 
-def _view(bound: BoundCamera, config: RunConfig) -> dict[str, Any]:
+def _view(bound: BoundCamera, render: RenderConfig, model: str) -> dict[str, Any]:
     """Optics, renderer and model of a view."""
-    camera, render = bound.model, config.render
+    camera = bound.model
     view = {
         "width": camera.width,
         "height": camera.height,
@@ -122,7 +123,7 @@ def _view(bound: BoundCamera, config: RunConfig) -> dict[str, Any]:
         "renderer": render.renderer,
         "samples": render.samples,
         "antialiasing": "adaptive" if render.adaptive else "fixed",
-        "model": config.model.name,
+        "model": model,
     }
     if RENDERERS[render.renderer].bounces:
         view["bounces"] = render.bounces

@@ -6,7 +6,7 @@ its dotted name: `render.spp=4`, `sensor.cutoff_hz=200`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from evs.emulator.config.declaration import any_path, parameter, path_or_name
@@ -200,7 +200,7 @@ class RenderConfig:
     spp: int | None = parameter(
         None,
         "samples per pixel; direct, hybrid, raster: 1 ... 64, default 4; path: 1 ... 4096, "
-        "default 16",
+        "default 16. hybrid with adaptive antialiasing: default 16 if the scene has meshes",
         example=4,
     )
     antialiasing: str | None = parameter(
@@ -267,6 +267,15 @@ class RenderConfig:
             return self.antialiasing == "adaptive"
         row = RENDERERS.get(self.renderer)
         return row is not None and row.adaptive and self.samples > 1
+
+    def for_scene(self, has_meshes: bool) -> RenderConfig:
+        """Return the configuration with the `spp` that a scene needs, where none is set.
+
+        Edges of meshes are sampled; other outlines are areas (lab/docs/sampling.md).
+        """
+        row = RENDERERS.get(self.renderer)
+        at_meshes = has_meshes and self.spp is None and self.adaptive
+        return replace(self, spp=row.mesh_spp) if at_meshes and row and row.mesh_spp else self
 
     @property
     def delay_ticks(self) -> float:

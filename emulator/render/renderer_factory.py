@@ -48,6 +48,7 @@ def make_renderer(
         EvsError: The configuration makes no sense.
     """
     check_render(config)
+    config = config.for_scene(scene.has_meshes)
     for name in config.linear_textures:
         if name not in scene.texture_names:
             raise unknown("render.linear_textures", name, list(scene.texture_names))

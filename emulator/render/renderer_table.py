@@ -18,6 +18,9 @@ class RendererRow:
     default_spp: int
     """samples per pixel if the configuration sets none: the fewest that give usable events"""
     max_spp: int
+    mesh_spp: int = 0
+    """the same where edges of meshes are seen and samples at edges alone are taken; 0: default_spp.
+    Other outlines are areas, and meshes have no closed form"""
     adaptive: bool = False
     """render.antialiasing is adaptive unless the configuration sets it"""
     seeds: tuple[str, ...] = ("fixed",)
@@ -58,6 +61,7 @@ RENDERERS = {
     "hybrid": RendererRow(
         "evs.emulator.render.native:NativeRenderer",
         default_spp=4,
+        mesh_spp=16,
         max_spp=64,
         adaptive=True,
         options=NATIVE,

@@ -88,6 +88,7 @@ class ClipRenderer:
     def plain(self, render: RenderConfig) -> RenderConfig:
         """Set all that does not shape light to its default, and take the scene's own keys."""
         default = RenderConfig()
+        render = render.for_scene(self.clip.scene.has_meshes)
         return dataclasses.replace(
             render,
             spp=render.samples,

@@ -5,10 +5,13 @@ Outlines of shapes are no such edges (test_render_outlines.py), so tests of edge
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator import _core
+from evs.emulator import World, _core
 from evs.emulator.base.scene import F32, CameraPose
 from evs.emulator.camera.pixel_pipeline import make_event_model
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
@@ -263,3 +266,33 @@ def test_textures_of_planes_and_the_sky_are_read_at_several_points_of_a_pixel() 
         error = [float(np.abs(a - truth)[rows].mean()) for a in (one, four, some)]
         # as good as four whole samples, which are better than one
         assert error[2] < 1.05 * error[1] < 0.9 * error[0]
+
+
+WEDGE = """<mujoco><asset><mesh name="wedge" vertex="-1 -1 0  1 -1 0  0 1 0  0 0 1"/></asset>
+<worldbody><geom {} euler="20 30 40" rgba=".8 .3 .2 1"/><camera name="eye" pos="0 0 4"/>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("shape", "render", "samples"),
+    [
+        ('type="mesh" mesh="wedge"', RenderConfig(renderer="hybrid"), 16),
+        ('type="mesh" mesh="wedge"', RenderConfig(renderer="hybrid", spp=4), 4),
+        ('type="mesh" mesh="wedge"', RenderConfig(renderer="hybrid", antialiasing="fixed"), 4),
+        ('type="mesh" mesh="wedge"', RenderConfig(), 4),
+        ('type="box" size="1 1 .2"', RenderConfig(renderer="hybrid"), 4),
+    ],
+)
+def test_hybrid_takes_more_samples_at_edges_of_meshes(
+    shape: str, render: RenderConfig, samples: int
+) -> None:
+    model = mujoco.MjModel.from_xml_string(WEDGE.format(shape))
+    lights, sensor = {}, SensorConfig("ideal", width=32, height=24)
+    for spp in (render.spp, 4, 16):
+        world = World(model)
+        camera = world.add_camera("eye", sensor=sensor, render=replace(render, spp=spp))
+        world.step()
+        lights[spp] = camera.luminance.tobytes()
+        assert camera.plan.view["samples"] == (spp or samples)
+    assert lights[render.spp] == lights[samples]
+    assert lights[4] != lights[16]
