@@ -80,8 +80,8 @@ def _light(sensor: Mapping[str, Any], luminance: float) -> Iterator[str]:
     dn = luminance * exposure_dn
     if BRIGHTEST_DN < dn < math.inf:
         yield (
-            f"its picture has a mean luminance of {luminance:.3g}, {dn:,.0f} DN where 255 is "
-            "white: make the lights weaker, or give "
+            f"its picture has a mean luminance of {luminance:.3g} ({dn:,.0f} DN, and 255 is "
+            "white): make the lights weaker, or give "
             f"sensor.exposure_dn={0.4 * WHITE_DN / luminance:.2g}"
         )
 

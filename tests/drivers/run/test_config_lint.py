@@ -80,7 +80,7 @@ def test_a_view_in_radians_is_doubted(fovy: float, said: str, own: bool) -> None
 def test_a_picture_on_another_scale_is_doubted(luminance: float, lines: int) -> None:
     found = lint("eye", {"sensor": {"exposure_dn": 255.0}}, None, luminance)
     assert len(found) == lines
-    assert all("mean luminance of 200, 51,000 DN" in one for one in found)
+    assert all("mean luminance of 200 (51,000 DN" in one for one in found)
     assert not lint("eye", {"sensor": {"exposure_dn": 0.51}}, None, luminance)
 
 
