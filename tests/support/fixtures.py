@@ -36,7 +36,7 @@ def pytest_collection_finish() -> None:
     """Search for garbage seldom, and never among the tests themselves: that takes half a second."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(20_000, 50, 100)
+    gc.set_threshold(20_000, 10, 10)
     # evs emulate would thaw them
     for name in ("freeze", "unfreeze"):
         setattr(gc, name, lambda: None)
