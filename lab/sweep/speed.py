@@ -235,6 +235,7 @@ class SpeedMeter:
         watch = CutWatch()
         world = SweepWorld(self.setup, self.motion, config, self.seed, method, watch)
         chunk = world.cameras[0].config.model.chunk
+        samples = world.cameras[0].plan.view["samples"]
         tick_s = _tick_s(world, chunk, self.motion != STILL, self.settings.seconds)
         ticks, repeats = self._length(tick_s, chunk, config.scene.tick_us)
         cutter = _Cutter(ticks, watch, self.yardstick)
@@ -253,7 +254,7 @@ class SpeedMeter:
                 )
         if report.ended != COMPLETE:
             raise KeyboardInterrupt
-        return speed_of(cutter.repeats, config, cutter.traced / (ticks * repeats))
+        return speed_of(cutter.repeats, config, samples * cutter.traced / (ticks * repeats))
 
     def _length(self, tick_s: float, chunk: int, tick_us: int) -> tuple[int, int]:
         """(ticks of a repeat, repeats) for ticks that take so long."""
@@ -309,13 +310,13 @@ class _AtOpening(Sink):
         return {}
 
 
-def speed_of(repeats: list[TimedRepeat], config: PipelineConfig, traced: float) -> Speed:
+def speed_of(repeats: list[TimedRepeat], config: PipelineConfig, rays: float) -> Speed:
     """The intervals of all repeats.
 
     Args:
         repeats: the timed repeats.
         config: of the pipeline.
-        traced: share of the pixels, mean of all ticks.
+        rays: of a pixel in a tick, mean of all.
     """
     tick_s = 1e-6 * config.scene.tick_us
     width, height = size_of(config.sensor)
@@ -330,6 +331,6 @@ def speed_of(repeats: list[TimedRepeat], config: PipelineConfig, traced: float) 
             [one.wall_s / one.ticks / one.yardstick_s for one in repeats]
         ),
         stage_ms=stages,
-        rays_per_tick=traced * width * height * config.render.samples,
+        rays_per_tick=rays * width * height,
         ticks=repeats[0].ticks,
     )
