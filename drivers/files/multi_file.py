@@ -72,9 +72,14 @@ def check_not_continued(path: Path, opened: Callable[[Path], object], parts: int
     """
     after = part_path(path, parts)
     try:
-        part = getattr(opened(after), "part", None) if after.is_file() else None
-    except (EvsError, OSError):
-        # its name may be too long for a file
+        if not after.is_file():
+            return
+    except OSError:
+        # its name is too long for a file
+        return
+    try:
+        part = getattr(opened(after), "part", None)
+    except EvsError:
         return
     if part == parts:
         raise EvsError(

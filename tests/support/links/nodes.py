@@ -91,7 +91,7 @@ class Nodes:
     def kill_at_work(self, place: int) -> bool:
         """Kill a node if one of its workers runs a task, which therefore never ends.
 
-        The node is stopped while the question is asked: a short task is else over before the kill.
+        The node is stopped first: otherwise, a short task would end before the kill.
 
         Returns:
             Whether the node was killed.

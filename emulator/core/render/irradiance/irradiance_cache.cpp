@@ -402,7 +402,7 @@ void IrradianceCache::disturb(const Frame& frame, int k) {
   visit_neighbours(frame, k, [&](int neighbour, int) { set(neighbour); });
 }
 
-// What only edges have read begins to count when pixels read it, and may end to after a sweep.
+// A node that only edges have read counts once pixels read it, and may cease to after a sweep.
 void IrradianceCache::disturb_recounted(const Frame& frame) {
   for (int k = 0; k < size(); k++) {
     const uint8_t now = counts(static_cast<size_t>(k));
