@@ -92,6 +92,8 @@ DeviceArguments DeviceFrame::lay_out(DeviceBlock& constant, DeviceBlock& tick) c
   auto put_samples = [&](Frame& one) {
     one.sample_x = constant.put(one.sample_x, static_cast<size_t>(one.samples));
     one.sample_y = constant.put(one.sample_y, static_cast<size_t>(one.samples));
+    one.edge_x = constant.put(one.edge_x, EDGE_RAYS);
+    one.edge_y = constant.put(one.edge_y, EDGE_RAYS);
     one.tap_x = constant.put(one.tap_x, static_cast<size_t>(one.taps));
     one.tap_y = constant.put(one.tap_y, static_cast<size_t>(one.taps));
   };
@@ -191,10 +193,11 @@ void render_device_frame(const Kernel& kernel, const DeviceArguments& arguments,
   });
   if (!adaptive) return;
   for_image([&](int x, int y) {
-    float all, weight = weight_of_pixel(kernel, frame, x, y, untextured.data());
+    float all[PACKET], weight = weight_of_pixel(kernel, frame, x, y, untextured.data());
     if (!(weight > 0)) return;
-    kernel.trace_pixels(frame, &x, &y, 1, &all, nullptr);
-    luminance[at(x, y)] = blend(luminance[at(x, y)], all, weight);
+    int pixel = y % PACKET_HEIGHT * PACKET_WIDTH + x % PACKET_WIDTH;
+    kernel.refine(frame, x / PACKET_WIDTH, y / PACKET_HEIGHT, 1u << pixel, all, nullptr, nullptr);
+    luminance[at(x, y)] = blend(luminance[at(x, y)], all[pixel], weight);
   });
 }
 

@@ -138,6 +138,9 @@ void PlacedScene::set_frame(const Optics& optics, const Tracing& tracing) {
                               [](const Geom& g) { return g.shape != MESH && g.shape != HFIELD; });
   frame.outlines = pinhole && forced_.decide(OUTLINES, outlines && !tracing.path);
   if (frame.outlines && !(tracing.adaptive && samples > 1)) set_cells(samples, frame);
+  const bool meshes = frame.plane_count < count && geoms.back().mesh >= 0;  // they come last
+  if (meshes && tracing.adaptive && samples == PACKET_WIDTH * PACKET_HEIGHT)
+    set_edge_rays(sampling, frame);
   frame.normal_mapped = forced_.decide(NORMAL_MAPS, appearance.normal_mapped);
   if (forced_.off(FOG)) appearance.medium.fog = false;
   if (forced_.off(HAZE)) appearance.medium.haze = false;

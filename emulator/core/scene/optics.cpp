@@ -129,6 +129,20 @@ int probes_of(int samples) {
   return std::max(1, static_cast<int>(MOST / std::sqrt(static_cast<double>(samples))));
 }
 
+void set_edge_rays(Sampling& sampling, Frame& frame) {
+  std::vector<float> x, y;
+  sample_points(EDGE_RAYS, x, y);
+  for (int cell = 0; cell < EDGE_CELLS; cell++) {
+    for (int i = 0; i < EDGE_RAYS; i++) {
+      if ((x[i] < 0.5f) + 2 * (y[i] < 0.5f) != cell) continue;
+      sampling.edge_x.push_back(x[i]);
+      sampling.edge_y.push_back(y[i]);
+    }
+  }
+  frame.edge_x = sampling.edge_x.data();
+  frame.edge_y = sampling.edge_y.data();
+}
+
 void set_optics(const Optics& optics, int samples, Sampling& sampling, Frame& frame) {
   Frame& f = frame;
   f.width = optics.width;

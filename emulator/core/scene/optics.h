@@ -18,7 +18,8 @@ struct Optics {
 };
 
 struct Sampling {
-  std::vector<float> x, y;  // (samples) positions in the pixel, 0 ... 1
+  std::vector<float> x, y;            // (samples) positions in the pixel, 0 ... 1
+  std::vector<float> edge_x, edge_y;  // as in Frame
   std::vector<float> lens, share;
   std::vector<RayCone> primary;  // (rows, columns) of packets
   std::vector<RayCone> pairs;  // (rows, columns / 2) of packets side by side; none if orthographic
@@ -34,6 +35,9 @@ int probes_of(int samples);
 
 // Let a pinhole's samples blend outlines over their cells: the frame's cells.
 void set_cells(int samples, Frame& frame);
+
+// Let a pixel of PACKET samples find what covers it by more rays.
+void set_edge_rays(Sampling& sampling, Frame& frame);
 
 // Out: the sampling, and the camera's part of `frame`, which points into it.
 void set_optics(const Optics& optics, int samples, Sampling& sampling, Frame& frame);

@@ -172,6 +172,8 @@ struct GeomBvh {
   float fine;            // bundles of rays that start so near each other touch few geoms: m
 };
 
+constexpr int EDGE_RAYS = 64, EDGE_CELLS = 4;  // in a pixel
+
 constexpr float OUTLINE_ROOM = 1.1f;  // of cones around camera rays, for Frame::outline_reach
 
 struct Frame {
@@ -214,6 +216,9 @@ struct Frame {
   int cells;              // the samples lie one in each cell of cells x cells; 0: in no such grid
   const float* sample_x;  // sub-pixel positions, 0 ... 1
   const float* sample_y;
+  // (EDGE_RAYS) sub-pixel positions, cell by cell, of rays that find which meshes cover a pixel at
+  // an edge; or null
+  const float *edge_x, *edge_y;
   float pixel_x, pixel_y;  // footprint of a sample on a plane at depth 1: m
   int probes;              // texture probes of one sample, at most; 0: isotropic filtering
   // where one sample stands for the pixel, images are read at `taps` points

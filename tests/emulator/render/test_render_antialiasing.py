@@ -296,3 +296,19 @@ def test_hybrid_takes_more_samples_at_edges_of_meshes(
         assert camera.plan.view["samples"] == (spp or samples)
     assert lights[render.spp] == lights[samples]
     assert lights[4] != lights[16]
+
+
+def test_rays_find_what_of_a_pixel_faces_of_meshes_cover() -> None:
+    # against many samples: where pixels show several faces, more than their samples decide
+    model = mujoco.MjModel.from_xml_string(WEDGE.format('type="mesh" mesh="wedge"'))
+    film = Film(model, (WIDTH, HEIGHT), camera="eye")
+    many = RenderConfig(renderer="hybrid", spp=1024, antialiasing="fixed")
+    truth = NativeRenderer(film.scene, film.camera, many, 1).render(film.shot, film.shot.cameras[0])
+    light = {
+        kind: film.light(renderer="hybrid", spp=16, antialiasing=kind)
+        for kind in ("fixed", "adaptive")
+    }
+    edges = light["fixed"] != light["adaptive"]
+    error = {kind: float(np.abs(found - truth)[edges].mean()) for kind, found in light.items()}
+    assert edges.sum() > 50
+    assert error["adaptive"] < 0.5 * error["fixed"]

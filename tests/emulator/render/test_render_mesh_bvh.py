@@ -9,7 +9,7 @@ from evs.emulator.base.scene import LightKind, Mesh, Shape
 from evs.emulator.config import RenderConfig
 from evs.emulator.render import NativeRenderer, make_renderer
 from reference.stage import Builder, Stage, matt
-from reference.tessellation import ball, waves
+from reference.tessellation import ball, soup, waves
 
 pytestmark = pytest.mark.property
 
@@ -17,14 +17,6 @@ CONFIGS = {
     "direct": RenderConfig(spp=4),
     "path": RenderConfig(renderer="path", spp=4, bounces=2),
 }
-
-
-def soup(seed: int) -> Mesh:
-    """Triangles of any size and direction."""
-    rng = np.random.default_rng(seed)
-    corners = rng.uniform(-1, 1, (120, 1, 3)) + rng.normal(size=(120, 3, 3)) * 0.2
-    faces = np.arange(360).reshape(120, 3)
-    return Mesh(corners.reshape(-1, 3).astype(np.float32), faces.astype(np.int32))
 
 
 MESHES = {

@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.base.scene import CameraPose
+from evs.emulator.base.scene import CameraPose, LightKind, Shape
 from evs.emulator.config import CameraConfig
 from evs.emulator.render import make_renderer
 from reference.instants import Film
 from reference.path_stages import metal_bulb
+from reference.stage import Builder, matt
+from reference.tessellation import ball, soup
 
 WIDTH, HEIGHT = 117, 83  # no multiple of a packet
 
@@ -152,6 +154,25 @@ def test_incremental_equals_full_tracing_on_robots(name: str, robot_files: dict[
         np.testing.assert_array_equal(
             kept.render(frame, frame.cameras[0]), full.render(frame, frame.cameras[0])
         )
+
+
+@pytest.mark.parametrize("renderer", ["direct", "hybrid"])
+@pytest.mark.parametrize("distance", [1.0, 4.0, 40.0], ids=["within", "near", "far"])
+def test_edges_of_meshes_on_any_instruction_set(renderer: str, distance: float) -> None:
+    # far away, a pixel shows more triangles than are listed
+    made = Builder()
+    made.add(Shape.MESH, (1, 1, 1), (0, 0, 0), matt(0.7), mesh=soup(0))
+    made.add(Shape.MESH, (1, 1, 1), (0.3, 0.2, 0.1), matt(0.4), mesh=ball(40, (0.9, 0.7, 0.8)))
+    made.shine(LightKind.POINT, (1.5, -2.0, 3.0), diffuse=(9, 9, 9))
+    stage = made.look((0, -distance, 0.3 * distance), (0, 0, 0), size=(43, 33))
+    pictures: dict[str, set[bytes]] = {}
+    for isa in _core.isa_available():
+        for kind in ("adaptive", "fixed"):
+            config = replace(stage.render, renderer=renderer, spp=16, antialiasing=kind, isa=isa)
+            seen = make_renderer(stage.scene, stage.camera, config, 2)
+            pictures.setdefault(kind, set()).add(seen.render(stage.shot, stage.pose).tobytes())
+    assert len(pictures["adaptive"]) == len(pictures["fixed"]) == 1
+    assert pictures["adaptive"] != pictures["fixed"]
 
 
 def test_bulbs_wider_than_a_lobe_on_any_instruction_set() -> None:

@@ -51,3 +51,11 @@ def waves(half: float, height: float, steps: int) -> Mesh:
     return Mesh(
         vertices.astype(np.float32), faces.astype(np.int32), normals[faces].astype(np.float32)
     )
+
+
+def soup(seed: int) -> Mesh:
+    """Triangles of any size and direction."""
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(-1, 1, (120, 1, 3)) + rng.normal(size=(120, 3, 3)) * 0.2
+    faces = np.arange(360).reshape(120, 3)
+    return Mesh(corners.reshape(-1, 3).astype(np.float32), faces.astype(np.int32))

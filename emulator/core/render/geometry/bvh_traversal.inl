@@ -60,23 +60,55 @@ EVS_INLINE Mask intersect_triangle(const Triangle& t, const MeshRays& r, Float t
   return ahead & front & (along < 0.0f);
 }
 
+// The nearest front face that rays have met.
+struct NearestTriangle {
+  Mask any_hit = mask_from_bits(0);
+  Float nearest, u, v;
+  Int triangle;
+
+  EVS_INLINE NearestTriangle(const MeshRays& r, Float t_max)
+      : nearest(t_max - r.t_offset), u(splat(0.0f)), v(u), triangle(splat(0)) {}
+
+  EVS_INLINE void intersect(const Triangle& t, int index, const MeshRays& r, Float t_min) {
+    Float distance, a, b;
+    Mask hit = intersect_triangle(t, r, nearest, false, distance, a, b);
+    hit = hit & (distance + r.t_offset > t_min);
+    if (!any(hit)) return;
+    // of two hits at one distance keep the first triangle, in any order of traversal
+    hit = hit & ((distance < nearest) | (any_hit & (splat(index) < triangle)));
+    nearest = select(hit, distance, nearest);
+    triangle = select(hit, splat(index), triangle);
+    u = select(hit, a, u);
+    v = select(hit, b, v);
+    any_hit = any_hit | hit;
+  }
+  EVS_INLINE Mask found(const MeshRays& r, Float& t_max, Int& its_triangle, Float& its_u,
+                        Float& its_v) const {
+    t_max = select(any_hit, nearest + r.t_offset, t_max);
+    its_triangle = select(any_hit, triangle, its_triangle);
+    its_u = select(any_hit, u, its_u);
+    its_v = select(any_hit, v, its_v);
+    return any_hit;
+  }
+};
+
 constexpr int MAX_STACK = 96;  // the builder keeps every BVH shallower than this
 
 // Find the nearest front face with t_min < t < t_max. Out: the lanes that hit; t_max, triangle, u
 // and v of those lanes.
 EVS_OUTLINE_IN_PATHS inline Mask intersect_mesh(const Mesh& mesh, const MeshRays& r, Float t_min,
                                                 Float& t_max, Int& triangle, Float& u, Float& v) {
-  Mask any_hit = mask_from_bits(0);
-  if (mesh.node_count == 0) return any_hit;
+  NearestTriangle nearer(r, t_max);
+  if (mesh.node_count == 0) return nearer.any_hit;
   int stack[MAX_STACK], top = 0;
   stack[top++] = 0;
-  Float nearest = t_max - r.t_offset;
   while (top) {
     // intersect the boxes of both children
     const Node& n = mesh.nodes[stack[--top]];
     Float t_near[2];
     unsigned lanes[2];
-    for (int c = 0; c < 2; c++) lanes[c] = to_bits(intersect_box(n, c, r, nearest, t_near[c]));
+    for (int c = 0; c < 2; c++)
+      lanes[c] = to_bits(intersect_box(n, c, r, nearer.nearest, t_near[c]));
     // visit the nearer child first, as one lane that enters both sees it
     int first = 0;
     if (lanes[0] & lanes[1]) {
@@ -93,23 +125,28 @@ EVS_OUTLINE_IN_PATHS inline Mask intersect_mesh(const Mesh& mesh, const MeshRays
         continue;
       }
       for (int i = ~n.child[c], end = i + n.count[c]; i < end; i++) {
-        Float distance, a, b;
-        Mask hit = intersect_triangle(mesh.triangles[i], r, nearest, false, distance, a, b);
-        hit = hit & (distance + r.t_offset > t_min);
-        if (!any(hit)) continue;
-        // of two hits at one distance keep the first triangle, in any order of traversal
-        hit = hit & ((distance < nearest) | (any_hit & (splat(i) < triangle)));
-        nearest = select(hit, distance, nearest);
-        triangle = select(hit, splat(i), triangle);
-        u = select(hit, a, u);
-        v = select(hit, b, v);
-        any_hit = any_hit | hit;
+        nearer.intersect(mesh.triangles[i], i, r, t_min);
       }
     }
     while (inners) stack[top++] = inner[--inners];
   }
-  t_max = select(any_hit, nearest + r.t_offset, t_max);
-  return any_hit;
+  return nearer.found(r, t_max, triangle, u, v);
+}
+
+// Triangles of a mesh.
+struct TriangleList {
+  static constexpr int ROOM = 256;
+  int count = 0;
+  int index[ROOM];
+};
+
+// As `intersect_mesh`, among listed triangles.
+inline Mask intersect_listed(const Mesh& mesh, const TriangleList& list, const MeshRays& r,
+                             Float t_min, Float& t_max, Int& triangle, Float& u, Float& v) {
+  NearestTriangle nearer(r, t_max);
+  for (int i = 0; i < list.count; i++)
+    nearer.intersect(mesh.triangles[list.index[i]], list.index[i], r, t_min);
+  return nearer.found(r, t_max, triangle, u, v);
 }
 
 constexpr float LOCAL_ROUNDING = 4e-7f;  // of a ray's origin in the mesh's frame, as a share of it

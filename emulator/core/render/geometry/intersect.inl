@@ -86,10 +86,11 @@ EVS_INLINE Coverage cover(const Frame& f, int index, const Rays& rays, const Cel
   return c;
 }
 
-// Keep the hits of geom `index` that are nearer.
+// Keep the hits of geom `index` that are nearer. near_rays: of a mesh, the triangles near the rays;
+// null: all.
 template <class AnyHit>
 EVS_INLINE void intersect_geom(const Frame& f, int index, const Rays& rays, const Passed& passed,
-                               bool layered, AnyHit& hit) {
+                               bool layered, AnyHit& hit, const TriangleList* near_rays = nullptr) {
   // transform the rays to the geom's frame
   const Geom& g = f.geoms[index];
   Vec o = local_origin(g, rays), d = to_local(g.rotation, rays.direction);
@@ -100,8 +101,12 @@ EVS_INLINE void intersect_geom(const Frame& f, int index, const Rays& rays, cons
   if (g.shape == MESH || g.shape == HFIELD) {
     Hit found = hit;
     found.distance = t_max;
-    near = intersect_mesh(f.meshes[g.mesh], mesh_rays(f.meshes[g.mesh], o, d), t_min,
-                          found.distance, found.triangle, found.u, found.v);
+    const Mesh& mesh = f.meshes[g.mesh];
+    MeshRays r = mesh_rays(mesh, o, d);
+    near = near_rays
+               ? intersect_listed(mesh, *near_rays, r, t_min, found.distance, found.triangle,
+                                  found.u, found.v)
+               : intersect_mesh(mesh, r, t_min, found.distance, found.triangle, found.u, found.v);
     if (!any(near)) return;
     t = found.distance;
     near = wins(f, g, t, hit, near);

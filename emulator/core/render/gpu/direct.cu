@@ -63,11 +63,10 @@ extern "C" __global__ void __launch_bounds__(128, EVS_BLOCKS)
     second_pass(const __grid_constant__ Frame frame, const float* untextured, float* luminance) {
   int x, y;
   if (!pixel_of_thread(frame, x, y)) return;
-  float all, weight = weight_of_pixel(frame, x, y, untextured);
+  float weight = weight_of_pixel(frame, x, y, untextured);
   if (!(weight > 0)) return;
-  cuda::trace_scattered<EVS_CHANNELS>(frame, &x, &y, 1, &all, nullptr);
   float& out = luminance[static_cast<long>(y) * frame.width + x];
-  out = blend(out, all, weight);
+  out = blend(out, cuda::refined_pixel<EVS_CHANNELS>(cuda::DirectShading{}, frame, x, y), weight);
 }
 
 #endif

@@ -116,9 +116,7 @@ extern "C" __global__ void __launch_bounds__(128, EVS_BLOCKS)
   }
   NodeRequests requests = {lists};
   cuda::HybridShading shading = {paths, cache, requests};
-  cuda::Float all, plain;
-  light_of_pixel<EVS_CHANNELS>(shading, frame, x, y, all, plain);
-  luminance[at] = blend(base[at], cuda::vignetted(frame, at, all.v), weight);
+  luminance[at] = blend(base[at], cuda::refined_pixel<EVS_CHANNELS>(shading, frame, x, y), weight);
 }
 
 #endif

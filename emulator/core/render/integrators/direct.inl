@@ -166,7 +166,8 @@ struct HitOfRays<true> {
 
 template <int CHANNELS, int MIRRORS, class Shading>
 void radiance(const Shading& shading, const Frame& f, const Rays& rays, const RayCone& cone,
-              Mask active, Float path_length, RayRecorder* recorder, Float* out);
+              Mask active, Float path_length, RayRecorder* recorder, Float* out,
+              const Hit* first = nullptr);
 
 // Add the mirror image seen in the lanes `mirror`, times the reflectance. `box`: bounds of the
 // mirrors' points. `empty`: the image is known to be empty. MIRRORS: as of `radiance`, of the
@@ -203,10 +204,10 @@ void reflect(const Shading& shading, const Frame& f, const Rays& rays,
 
 // Compute the radiance along the rays of `active`: through transparent surfaces from front to back,
 // and off mirrors. MIRRORS: how many the rays have been reflected by, 0: camera rays. Out: radiance
-// by channel; the recorder is extended unless it is null.
+// by channel; the recorder is extended unless it is null. first: the first hits, or null.
 template <int CHANNELS, int MIRRORS, class Shading>
 void radiance(const Shading& shading, const Frame& f, const Rays& rays, const RayCone& cone,
-              Mask active, Float path_length, RayRecorder* recorder, Float* out) {
+              Mask active, Float path_length, RayRecorder* recorder, Float* out, const Hit* first) {
   constexpr bool CAMERA = MIRRORS == 0;
   for (int c = 0; c < CHANNELS; c++) out[c] = splat(0.0f);
   Float transmittance = splat(1.0f), haze_alpha = splat(0.0f), haze_distance = haze_alpha;
@@ -224,7 +225,11 @@ void radiance(const Shading& shading, const Frame& f, const Rays& rays, const Ra
     // intersect the next layer
     static_cast<Hit&>(hit) = no_hit(active);
     if constexpr (CAMERA) hit.coverage = {};
-    find_hits(f, rays, cone, active, passed, layer > 0, hit);
+    if (first && layer == 0) {
+      static_cast<Hit&>(hit) = *first;
+    } else {
+      find_hits(f, rays, cone, active, passed, layer > 0, hit);
+    }
     Mask lit = active & ~(hit.geom < splat(0));
     if (CAMERA && f.medium.haze) lit = lit & ~behind_haze(f, rays.direction, hit);
     Mask missed = active & ~lit;
