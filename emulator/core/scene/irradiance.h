@@ -32,6 +32,7 @@ inline bool is_before(const A& a, const B& b) {
 struct CellNodes {
   NodeKey key;  // geom < 0: empty
   int32_t node[4];
+  int32_t passes;  // in which they are marked as read
 };
 
 // A hit, in the geom's frame, that reads a cell's nodes.
@@ -142,8 +143,8 @@ inline uint32_t short_hash(const NodeKey& k) {
 #ifndef EVS_ON_DEVICE  // where render/gpu/hybrid.cu has another
 // Where a packet asks for nodes, and says from where it reads them.
 struct NodeRequests {
-  static constexpr int ROOM = 1024, CELLS = 256;
-  CellNodes cells[CELLS];  // found lately in this tick, by part of their key's hash
+  static constexpr int ROOM = 1024, CELLS = 8192;
+  CellNodes cells[CELLS];  // found lately, by part of their key's hash
   bool complete = true;    // nothing is missing
   int count = 0;
   NodeRequest at[ROOM];
@@ -169,9 +170,8 @@ struct NodeRequests {
 };
 #endif
 
-// Find a node in the table, -1 where it is missing.
-inline int find_node(const NodeSlot* slots, uint32_t mask, const NodeKey& key) {
-  uint64_t hash = hash_of(key);
+// Find a node in the table by its key's hash, -1 where it is missing.
+inline int find_node(const NodeSlot* slots, uint32_t mask, uint64_t hash) {
   uint32_t check = static_cast<uint32_t>(hash >> 32);
   for (uint32_t at = static_cast<uint32_t>(hash) & mask;; at = (at + 1) & mask) {
     if (slots[at].node < 0) return -1;

@@ -22,7 +22,7 @@ struct NodeLists {
 struct NodeRequests {
   const NodeLists& lists;
   bool complete = true;
-  CellNodes cell = {{-1, 0, 0, 0, 0, 0}, {}};  // found last
+  CellNodes cell = {{-1, 0, 0, 0, 0, 0}, {}, 0};  // found last
   NodeRequest surplus_request = {};            // what there is no room for
   CellReader surplus_reader = {};
 

@@ -195,12 +195,10 @@ void IrradianceCache::clear() {
 
 void IrradianceCache::begin_pass(Pass pass) {
   view_.pass = pass;
-  // what another pass has marked
-  forget_cells();
   refresh_view();
 }
 
-// The workers' cells hold while no node goes and the tick lasts, in which reading a node marks it.
+// The workers' cells hold while no node goes and their marks last.
 void IrradianceCache::forget_cells() {
   for (Worker& w : workers_) w.requests.forget_cells();
 }
@@ -377,6 +375,12 @@ void IrradianceCache::own_mean(const Node& node, float* mean) const {
 // axes.
 template <class Visit>
 void IrradianceCache::visit_neighbours(const Frame& frame, int k, const Visit& visit) const {
+  struct Neighbour {
+    uint64_t hash;
+    int moved;
+  };
+  Neighbour around[26];
+  int count = 0;
   NodeKey key = nodes_[k].key;
   int shape = frame.geoms[key.geom].shape;
   bool flat = shape == PLANE || shape == BOX || shape == MESH || shape == HFIELD ||
@@ -390,8 +394,13 @@ void IrradianceCache::visit_neighbours(const Frame& frame, int k, const Visit& v
     other.x += offset[0];
     other.y += offset[1];
     other.z += offset[2];
-    int neighbour = find_node(view_.slots, view_.mask, other);
-    if (neighbour >= 0) visit(neighbour, moved);
+    uint64_t hash = hash_of(other);
+    __builtin_prefetch(view_.slots + (hash & view_.mask));
+    around[count++] = {hash, moved};
+  }
+  for (int i = 0; i < count; i++) {
+    int neighbour = find_node(view_.slots, view_.mask, around[i].hash);
+    if (neighbour >= 0) visit(neighbour, around[i].moved);
   }
 }
 
@@ -455,6 +464,7 @@ void IrradianceCache::sweep() {
     kept++;
   }
   std::fill(used_.begin(), used_.end(), uint8_t{0});
+  forget_cells();
   if (kept == nodes_.size()) return;
   nodes_.resize(kept);
   phase_.resize(kept);

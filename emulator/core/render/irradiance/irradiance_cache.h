@@ -77,7 +77,10 @@ class IrradianceCache {
   bool any_changed(const KeptNodes& nodes) const;
   // (nodes) the passes that read each since the last sweep.
   const std::vector<uint8_t>& used() const { return used_; }
-  void set_used(const uint8_t* used) { std::copy_n(used, used_.size(), used_.begin()); }
+  void set_used(const uint8_t* used) {
+    std::copy_n(used, used_.size(), used_.begin());
+    forget_cells();
+  }
   size_t slot_count() const { return slots_.size(); }
   // Add and light the nodes that were requested. Returns false where there was no room: the lattice
   // is then coarser, and every pixel must be traced again.

@@ -110,11 +110,19 @@ struct CellLanes {
   Float x, y;
 };
 
+// Note that this pass reads a node.
+EVS_INLINE void mark_node(const IrradianceView& cache, int node) {
+  uint8_t used = __atomic_load_n(cache.used + node, __ATOMIC_RELAXED);
+  if (!(used & cache.pass))
+    __atomic_store_n(cache.used + node, used | cache.pass, __ATOMIC_RELAXED);
+}
+
 // Find the nodes of a cell, or request those that are missing for the hits of `lanes`, one of which
 // asks. Returns whether all are there.
 inline bool find_cell(const IrradianceView& cache, NodeRequests& requests, int shape,
                       const NodeKey& cell, Vec p, Vec n, unsigned lanes, CellNodes& found) {
   found.key = cell;
+  found.passes = cache.pass;
   NodeKey first = cell;
   first.face = key_face(shape, cell.face);
   int u = cell.face < 2 ? 1 : 0, v = cell.face < 4 ? 2 : 1;
@@ -123,11 +131,9 @@ inline bool find_cell(const IrradianceView& cache, NodeRequests& requests, int s
     NodeKey node = first;
     (u == 0 ? node.x : node.y) += corner & 1;
     (v == 2 ? node.z : node.y) += corner >> 1;
-    int k = found.node[corner] = find_node(cache.slots, cache.mask, node);
+    int k = found.node[corner] = find_node(cache.slots, cache.mask, hash_of(node));
     if (k >= 0) {
-      uint8_t used = __atomic_load_n(cache.used + k, __ATOMIC_RELAXED);
-      if (!(used & cache.pass))
-        __atomic_store_n(cache.used + k, used | cache.pass, __ATOMIC_RELAXED);
+      mark_node(cache, k);
       continue;
     }
     complete = requests.complete = false;
@@ -172,10 +178,14 @@ inline void find_cells(const IrradianceView& cache, NodeRequests& requests, cons
                 (place[1] == splat(key.y)) & (place[2] == splat(key.z)) & mask_from_bits(left);
     left &= ~to_bits(cell);
     CellNodes& known = requests.cell_of(key);
-    if (__builtin_memcmp(&known.key, &key, sizeof key) != 0 &&
-        !find_cell(cache, requests, g.shape, key, p, n, to_bits(cell), known)) {
-      known.key.geom = -1;
-      continue;
+    if (__builtin_memcmp(&known.key, &key, sizeof key) != 0) {
+      if (!find_cell(cache, requests, g.shape, key, p, n, to_bits(cell), known)) {
+        known.key.geom = -1;
+        continue;
+      }
+    } else if (!(known.passes & cache.pass)) {
+      for (int node : known.node) mark_node(cache, node);
+      known.passes |= cache.pass;
     }
     for (int k = 0; k < 4; k++) out.node[k] = select(cell, splat(known.node[k]), out.node[k]);
     if (!cache.readers) continue;
