@@ -195,7 +195,7 @@ void render_device_frame(const Kernel& kernel, const DeviceArguments& arguments,
   for_image([&](int x, int y) {
     float all[PACKET], weight = weight_of_pixel(kernel, frame, x, y, untextured.data());
     if (!(weight > 0)) return;
-    int pixel = y % PACKET_HEIGHT * PACKET_WIDTH + x % PACKET_WIDTH;
+    int pixel = place_in_packet(x, y);
     kernel.refine(frame, x / PACKET_WIDTH, y / PACKET_HEIGHT, 1u << pixel, all, nullptr, nullptr);
     luminance[at(x, y)] = blend(luminance[at(x, y)], all[pixel], weight);
   });
@@ -242,7 +242,7 @@ void trace_device_pixels(const Kernel& kernel, const DeviceArguments& arguments,
       float refined[PACKET], weight = weight_of_pixel(kernel, frame, x, y, light.untextured);
       light.luminance[at(x, y)] = light.base[at(x, y)];
       if (!(weight > 0)) continue;
-      int pixel = y % PACKET_HEIGHT * PACKET_WIDTH + x % PACKET_WIDTH;
+      int pixel = place_in_packet(x, y);
       kernel.refine_hybrid(frame, arguments.paths, arguments.cache, *requests, x / PACKET_WIDTH,
                            y / PACKET_HEIGHT, 1u << pixel, refined, nullptr, nullptr);
       requests->complete = true;

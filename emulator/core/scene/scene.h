@@ -238,6 +238,11 @@ struct Frame {
 
 constexpr int PACKET_WIDTH = 4, PACKET_HEIGHT = 4;
 
+// The place of a pixel in its packet.
+constexpr int place_in_packet(int x, int y) {
+  return y % PACKET_HEIGHT * PACKET_WIDTH + x % PACKET_WIDTH;
+}
+
 // An axis-aligned box of points; its bounding sphere holds the origins of shadow and mirror rays.
 struct BoundingBox {
   V3 low = {1e30f, 1e30f, 1e30f}, high = {-1e30f, -1e30f, -1e30f};

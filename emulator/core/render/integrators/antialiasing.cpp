@@ -42,6 +42,7 @@ Frame Antialiasing::base_frame(const Frame& frame) const {
   f.pixel_angle = base_angle_;
   f.channels++;
   f.marks_blended = f.outlines;
+  f.edge_x = f.edge_y = nullptr;
   if (f.outlines) set_cells(1, f);
   // the taps are those of a pinhole's pixel; with a lens the mip level alone filters
   f.taps = frame.lens ? 1 : static_cast<int>(tap_x_.size());
@@ -122,7 +123,7 @@ void Antialiasing::trace_pixels(const Kernel& kernel, const Frame& frame, const 
     if (!(weight[k] > 0)) continue;
     float light[PACKET];
     int column = x[k] / PACKET_WIDTH, row = y[k] / PACKET_HEIGHT;
-    int pixel = y[k] % PACKET_HEIGHT * PACKET_WIDTH + x[k] % PACKET_WIDTH;
+    int pixel = place_in_packet(x[k], y[k]);
     kernel.refine(frame, column, row, 1u << pixel, light, nullptr, nullptr);
     luminance[k] = blend(own[k], light[pixel], weight[k]);
   }

@@ -77,15 +77,15 @@ struct EdgePixels {
   alignas(64) float x[LANES] = {}, y[LANES] = {};
   float weight[LANES] = {};
   int owner[LANES] = {};
-  WaitingHits hits = {};  // where they are known
+  WaitingHits waiting = {};  // their hits, where these are known
 
   RayCone cone_of(const Rays& rays) const {
     return f.primary ? f.primary[row * f.packet_columns + column] : camera_cone(f, rays);
   }
   void add_ray(int pixel, float px, float py, float w) {
-    // unused lanes repeat the last ray
     const unsigned at = used % LANES;
-    for (unsigned i = at; i < LANES; i++) x[i] = px, y[i] = py;
+    x[at] = px;
+    y[at] = py;
     weight[at] = w;
     owner[at] = pixel;
     if (++used == LANES) trace_rays();
@@ -93,7 +93,10 @@ struct EdgePixels {
   // Trace what waits.
   void trace_rays() {
     if (used == 0) return;
-    Hit known = hits.all();
+    // unused lanes repeat the last ray
+    for (unsigned i = used; i < LANES; i++) x[i] = x[used - 1], y[i] = y[used - 1];
+    Hit known;
+    if (f.edge_x) known = waiting.all();
     trace(rays_through(f, load(x), load(y)), static_cast<int>(used), owner, weight,
           f.edge_x ? &known : nullptr);
     used = 0;
@@ -194,7 +197,7 @@ struct EdgePixels {
           if (square < least) least = square, nearest = i;
         }
         int at = cell * IN_CELL + nearest;
-        hits.put(used % LANES, all_hits[at / LANES], at % LANES);
+        waiting.put(used % LANES, all_hits[at / LANES], at % LANES);
         add_ray(pixel, left + cx[nearest], top + cy[nearest], share * static_cast<float>(count));
       }
     }
@@ -229,7 +232,7 @@ void refine_packet(const Shading& shading, const Frame& f, int column, int row, 
 template <int CHANNELS, class Shading>
 float refined_pixel(const Shading& shading, const Frame& f, int x, int y) {
   float luminance[PACKET];
-  int pixel = y % PACKET_HEIGHT * PACKET_WIDTH + x % PACKET_WIDTH;
+  int pixel = place_in_packet(x, y);
   refine_packet<CHANNELS>(shading, f, x / PACKET_WIDTH, y / PACKET_HEIGHT, 1u << pixel, luminance,
                           nullptr, nullptr);
   return luminance[pixel];
