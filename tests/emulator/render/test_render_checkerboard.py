@@ -66,8 +66,10 @@ def camera_of(focal: float, orthographic: bool = False) -> CameraModel:
     )
 
 
-def light_of(world: SceneModel, camera: CameraModel, view: CameraPose, spp: int) -> F32:
-    renderer = make_renderer(world, camera, RenderConfig(spp=spp, antialiasing="fixed"), 1)
+def light_of(
+    world: SceneModel, camera: CameraModel, view: CameraPose, spp: int, antialiasing: str = "fixed"
+) -> F32:
+    renderer = make_renderer(world, camera, RenderConfig(spp=spp, antialiasing=antialiasing), 1)
     return renderer.render(shot_of(world, np.zeros(3)), view).copy()
 
 
@@ -171,3 +173,14 @@ def test_a_small_image_is_blended_as_viewers_do() -> None:
     # no pixel wholly in one colour beside one wholly in another
     assert np.abs(np.diff(light, axis=1)).max() < 0.1
     assert np.abs(np.diff(sharp, axis=1)).max() > 0.3
+
+
+@pytest.mark.parametrize("orthographic", [False, True], ids=["perspective", "orthographic"])
+def test_a_pixel_that_is_not_refined_is_integrated_as_a_whole(orthographic: bool) -> None:
+    # a floor without end, above whose horizon nothing is seen
+    world = scene(Shape.PLANE, PLANE, image_of([TEXELS // 2], [TEXELS // 2]), 4.0)
+    camera, view = camera_of(60.0, orthographic), pose(25, 60, 10, 2.0)
+    one = light_of(world, camera, view, 1)
+    assert one.min() > 0 and one.std() > 0.1
+    for spp in (4, 16):
+        assert np.allclose(light_of(world, camera, view, spp, "adaptive"), one, atol=1e-5)

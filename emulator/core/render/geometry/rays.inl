@@ -11,6 +11,7 @@ struct Rays {
   Vec direction;         // unit
   bool common;           // all rays start at the camera, so Geom::camera is their local origin
   bool primary = false;  // camera rays
+  const Vec* mirror = nullptr;  // normals, where it is camera rays that a mirror has turned
 };
 
 struct Hit {

@@ -6,7 +6,7 @@
 namespace evs {
 namespace {
 
-constexpr int TAPS = 4;  // texture taps in a pixel
+constexpr int TAPS = 8, PROBES = 4;  // texture taps in a pixel, and most probes of one
 
 }  // namespace
 
@@ -52,7 +52,7 @@ Frame Antialiasing::base_frame(const Frame& frame) const {
   float side = f.taps > 1 ? f.tap_width : 1.0f;
   f.pixel_x = base_x_ * side;
   f.pixel_y = base_y_ * side;
-  if (f.probes > 0) f.probes = probes_of(std::max(f.taps, 1));
+  if (f.probes > 0) f.probes = f.taps > 1 ? PROBES : probes_of(1);
   return f;
 }
 

@@ -180,6 +180,7 @@ void reflect(const Shading& shading, const Frame& f, const Rays& rays,
   Vec d = rays.direction;
   Vec bounced = d - interaction.normal * (dot(d, interaction.normal) * 2.0f);
   Rays mirrored = {interaction.spawn_point, normalize(bounced), false};
+  if (MIRRORS == 1) mirrored.mirror = &interaction.normal;
   float square;
   RayCone cone = ray_cone(box, mirrored.direction, mirror, T_INFINITY, square);
   // record the cone
@@ -249,7 +250,7 @@ void radiance(const Shading& shading, const Frame& f, const Rays& rays, const Ra
     if (((CAMERA && f.skybox >= 0) || f.sky_shines || fog) && any(missed)) {
       Float light[CHANNELS];
       for (int c = 0; c < CHANNELS; c++) light[c] = splat(f.medium.fog_color[c]);
-      if (!fog) camera_environment<CHANNELS>(f, rays.direction, to_bits(missed), light);
+      if (!fog) camera_environment<CHANNELS>(f, rays, to_bits(missed), light);
       for (int c = 0; c < CHANNELS; c++) {
         out[c] = select(missed, out[c] + light[c] * transmittance, out[c]);
       }

@@ -260,7 +260,7 @@ inline Mask intersect_paths(const Frame& f, const PathFrame& p, int bounce, Path
   Mask missed = active & ~lit;
   if (any(missed) && bounce == 0 && f.skybox >= 0) {
     Float light[3];
-    camera_environment<3>(f, rays.direction, to_bits(missed), light);
+    camera_environment<3>(f, rays, to_bits(missed), light);
     add_radiance(path.throughput, light, one, missed, out);
   } else if (any(missed) && bounce > 0 && p.has_environment && !environment_alone) {
     add_environment(f, p, path, one, missed, out);

@@ -142,7 +142,7 @@ EVS_INLINE TileWeights tile_weights(const Frame& f, const Rays& rays, const Text
                                     Float distance, unsigned lanes) {
   const bool whole = f.samples == 1, quarter = f.cells == 2 && !f.lens && !whole;
   // the sides of the pixel, or of a sample's cell
-  const float times = quarter || (whole && f.taps > 1) ? 2.0f : 1.0f;
+  const float times = quarter ? 2.0f : whole && f.taps > 1 ? 1.0f / f.tap_width : 1.0f;
   Float nearness = f.orthographic ? splat(0.0f) : 1.0f / max(distance, splat(1e-6f));
   // at most: the horizon is never crossed half a side away
   auto nearing = [&](Float nearer) {

@@ -2,6 +2,7 @@
 // points in each pixel.
 #pragma once
 
+#include "render/shading/bsdf.inl"
 #include "render/shading/texture.inl"
 #include "scene/scene.h"
 
@@ -9,21 +10,31 @@ namespace evs::EVS_NAMESPACE {
 namespace {
 
 template <int CHANNELS>
-EVS_OUTLINE void camera_environment(const Frame& f, Vec d, unsigned lanes, Float* out) {
+EVS_OUTLINE void camera_environment(const Frame& f, const Rays& rays, unsigned lanes, Float* out) {
   const Texture& t = f.textures[f.skybox];
   const float* r = f.camera_to_world;
-  Vec w = to_camera(r, d);
+  const Vec d = rays.direction, w = to_camera(r, d);
   float footprint = f.orthographic ? 0.0f : 0.5f * f.pixel_angle;
-  Float scale = -d.z;
+  // the pixel's sides: in the image plane, turned by a mirror, or anywhere across the ray
+  Vec right = splat(V3{1, 0, 0}), up = splat(V3{0, 1, 0});
+  if (rays.primary) {
+    right = right * -d.z;
+    up = up * -d.z;
+  } else if (rays.mirror) {
+    const Vec n = *rays.mirror;
+    const Float depth = n.z * (dot(d, n) * 2.0f) - d.z;
+    right = (right - n * (n.x * 2.0f)) * depth;
+    up = (up - n * (n.y * 2.0f)) * depth;
+  } else {
+    axes_of(d, right, up);
+  }
   // add up the taps of the pixel
   int taps = f.taps > 1 ? f.taps : 1;
   Lod lod;
   for (int i = 0; i < taps; i++) {
     Vec to = w;
-    if (taps > 1) {
-      Float x = scale * (f.tap_x[i] / f.fx), y = scale * (f.tap_y[i] / -f.fy);
-      to = {w.x + x * r[0] + y * r[1], w.y + x * r[3] + y * r[4], w.z + x * r[6] + y * r[7]};
-    }
+    if (taps > 1)
+      to = to_camera(r, d + (right * splat(f.tap_x[i] / f.fx) - up * splat(f.tap_y[i] / f.fy)));
     Float u, v, major;
     Int face;
     cube_coordinates({to.x, to.z, -to.y}, u, v, face, major);
