@@ -181,6 +181,21 @@ def test_a_pixel_that_is_not_refined_is_integrated_as_a_whole(orthographic: bool
     world = scene(Shape.PLANE, PLANE, image_of([TEXELS // 2], [TEXELS // 2]), 4.0)
     camera, view = camera_of(60.0, orthographic), pose(25, 60, 10, 2.0)
     one = light_of(world, camera, view, 1)
-    assert one.min() > 0 and one.std() > 0.1
+    assert one.min() > 0
+    assert one.std() > 0.1
     for spp in (4, 16):
         assert np.allclose(light_of(world, camera, view, spp, "adaptive"), one, atol=1e-5)
+
+
+@pytest.mark.parametrize("turn", [0, 90])
+def test_far_tiles_are_averaged_though_they_run_askew(turn: float) -> None:
+    # to the left and right, lines that lead away run across several rows of far pixels
+    world = scene(Shape.PLANE, PLANE, image_of([TEXELS // 2], [TEXELS // 2]), 4.0)
+    camera, view, below = camera_of(30.0), pose(turn, 14, 0, 8.0), slice(SIZE // 2, None)
+    config = RenderConfig(renderer="path", spp=1024, seeds="fixed")
+    points = make_renderer(world, camera, config, 1, switches=POINTS)
+    truth = points.render(shot_of(world, np.zeros(3)), view)
+    error = {
+        spp: np.abs(light_of(world, camera, view, spp) - truth)[below].mean() for spp in (1, 16)
+    }
+    assert error[1] < 0.75 * error[16]

@@ -71,41 +71,55 @@ EVS_INLINE Mask find_tile(const TileAxis& axis, Float at, Float reach, Float* sh
   return all > 0.5f;
 }
 
-// A ray for the whole pixel takes all four parts of it, each of four rays takes one (`quarter`). Of
-// more rays each stands for its own cell.
-[[gnu::noinline]] EVS_OUTLINE TileWeights blend_tiles(const Frame& f, const Rays& rays,
-                                                      const Texture& t, Float at_u, Float at_v,
-                                                      const ImageSides& s, bool quarter) {
-  constexpr float LEAST = 1.0f / 8192;  // image lengths; below it rounding would show
-  const bool whole = f.samples == 1;
-  // the middle of each part, in sides from the ray, and the squares of a part's sides
-  Float x[4], y[4], square_x = splat(1.0f), square_y = splat(1.0f);
-  const int parts = whole ? 4 : 1;
-  Float middle_x = splat(0.0f), middle_y = splat(0.0f);
-  if (!whole && !f.lens) to_middle(f, rays, quarter ? 1 : f.cells, middle_x, middle_y);
-  x[0] = middle_x, y[0] = middle_y;
-  if (whole || quarter) {
-    // Only a side that runs askew through the image has to be split. From -1 to 1: in four along x,
-    // two by two, four along y. Between them the parts slide, with the variance of the whole.
-    Float of_x = abs(s.xu * s.xv), of_y = abs(s.yu * s.yv);
-    Float along = (of_y - of_x) / max(of_x + of_y, splat(1e-20f));
-    Float more_y = max(along, splat(0.0f)), more_x = max(-along, splat(0.0f));
-    Float less_x = (1.0f - more_y) * 0.25f, less_y = (1.0f - more_x) * 0.25f;
-    Float slide_x = more_x * 0.125f, slide_y = more_y * 0.125f;
-    square_x = 1.0f - (less_x * less_x + slide_x * slide_x) * 12.0f;
-    square_y = 1.0f - (less_y * less_y + slide_y * slide_y) * 12.0f;
-    Float one = splat(1.0f);
-    for (int k = 0; k < parts; k++) {
-      Float right = whole ? splat(k & 1 ? 1.0f : -1.0f) : select(middle_x < 0.0f, one, -one);
-      Float upper = whole ? splat(k & 2 ? 1.0f : -1.0f) : select(middle_y < 0.0f, one, -one);
-      x[k] = middle_x + right * less_x + upper * slide_x;
-      y[k] = middle_y + upper * less_y + right * slide_y;
-    }
+// Parts of a pixel: their middles, in sides from the ray, and the squares of a part's sides.
+struct PixelParts {
+  int count;
+  Float x[4], y[4], square_x, square_y;
+  Float along;  // which side is split: -1, x, to 1, y
+};
+
+// Only a side that runs askew through the image has to be split. The pixel in four along x, two by
+// two, four along y; between them the parts slide, with the variance of the whole.
+EVS_INLINE PixelParts parts_of_pixel(const ImageSides& s) {
+  Float of_x = abs(s.xu * s.xv), of_y = abs(s.yu * s.yv);
+  PixelParts out;
+  out.count = 4;
+  Float along = out.along = (of_y - of_x) / max(of_x + of_y, splat(1e-20f));
+  Float more_y = max(along, splat(0.0f)), more_x = max(-along, splat(0.0f));
+  Float less_x = (1.0f - more_y) * 0.25f, less_y = (1.0f - more_x) * 0.25f;
+  Float slide_x = more_x * 0.125f, slide_y = more_y * 0.125f;
+  out.square_x = 1.0f - (less_x * less_x + slide_x * slide_x) * 12.0f;
+  out.square_y = 1.0f - (less_y * less_y + slide_y * slide_y) * 12.0f;
+  for (int k = 0; k < 4; k++) {
+    float right = k & 1 ? 1.0f : -1.0f, upper = k & 2 ? 1.0f : -1.0f;
+    out.x[k] = right * less_x + upper * slide_x;
+    out.y[k] = upper * less_y + right * slide_y;
   }
+  return out;
+}
+
+// The parts of one half of a pixel: it is cut across the side that is split more.
+EVS_INLINE PixelParts half_of(const PixelParts& parts, float offset) {
+  PixelParts out = parts;
+  Mask of_y = parts.along > 0.0f;
+  for (int k = 0; k < 4; k++) {
+    out.x[k] = select(of_y, parts.x[k], parts.x[k] * 0.5f + offset);
+    out.y[k] = select(of_y, parts.y[k] * 0.5f + offset, parts.y[k]);
+  }
+  out.square_x = select(of_y, parts.square_x, parts.square_x * 0.25f);
+  out.square_y = select(of_y, parts.square_y * 0.25f, parts.square_y);
+  return out;
+}
+
+// Add the tiles under some parts. In: the weight of a part.
+EVS_INLINE void add_parts(const Texture& t, Float at_u, Float at_v, const ImageSides& s,
+                          const PixelParts& parts, float weight, TileWeights& out) {
+  constexpr float LEAST = 1.0f / 8192;  // image lengths; below it rounding would show
   // there the ray meets the tangent plane 1 / `depth` times as far
   Float depth[4], scale[4];
-  for (int k = 0; k < parts; k++) depth[k] = 1.0f + x[k] * s.nearing_x + y[k] * s.nearing_y;
-  if (whole) {
+  for (int k = 0; k < parts.count; k++)
+    depth[k] = 1.0f + parts.x[k] * s.nearing_x + parts.y[k] * s.nearing_y;
+  if (parts.count == 4) {
     // four reciprocals by one division
     Float left = depth[0] * depth[1], right = depth[2] * depth[3], all = 1.0f / (left * right);
     Float of_left = all * right, of_right = all * left;
@@ -116,22 +130,84 @@ EVS_INLINE Mask find_tile(const TileAxis& axis, Float at, Float reach, Float* sh
   }
   // as wide as a box of the same variance
   auto extent = [&](Float along_x, Float along_y) {
-    Float square = along_x * along_x * square_x + along_y * along_y * square_y;
+    Float square = along_x * along_x * parts.square_x + along_y * along_y * parts.square_y;
     return max(sqrt(square), splat(LEAST));
   };
   Float width = extent(s.xu, s.yu), height = extent(s.xv, s.yv);
   Float per_width = 1.0f / (width - 8 * ROUNDING), per_height = 1.0f / (height - 8 * ROUNDING);
   Float across[MAX_TILES], down[MAX_TILES];
-  TileWeights out = {};
-  for (int k = 0; k < parts; k++) {
-    Float u = at_u + (s.xu * x[k] + s.yu * y[k]) * scale[k];
-    Float v = at_v + (s.xv * x[k] + s.yv * y[k]) * scale[k];
+  for (int k = 0; k < parts.count; k++) {
+    Float u = at_u + (s.xu * parts.x[k] + s.yu * parts.y[k]) * scale[k];
+    Float v = at_v + (s.xv * parts.x[k] + s.yv * parts.y[k]) * scale[k];
     Float larger = scale[k] * scale[k], smaller = depth[k] * depth[k];
     Float wide = width * larger, high = height * larger;
     tile_shares(t.columns, u - wide * 0.5f, wide, per_width * smaller, across);
     tile_shares(t.rows, v - high * 0.5f, high, per_height * smaller, down);
-    for (int i = 0; whole && i < t.rows.count; i++) down[i] = down[i] * 0.25f;
+    for (int i = 0; parts.count > 1 && i < t.rows.count; i++) down[i] = down[i] * weight;
     out.add(t, across, down);
+  }
+}
+
+// By how many tiles, in width times height, parts run askew: what does along x may make up for what
+// does along y.
+EVS_INLINE Float tiles_askew(const Texture& t, const ImageSides& s, const PixelParts& parts) {
+  float width = 1, height = 1;
+  for (int k = 0; k < t.columns.count; k++)
+    width = t.columns.width[k] < width ? t.columns.width[k] : width;
+  for (int k = 0; k < t.rows.count; k++)
+    height = t.rows.width[k] < height ? t.rows.width[k] : height;
+  return abs(s.xu * s.xv * parts.square_x + s.yu * s.yv * parts.square_y) *
+         (1.0f / (width * height));
+}
+
+// Average the tiles of `lanes` over what their rays stand for. A ray for the whole pixel takes four
+// parts of it, or of each half where it runs askew through several tiles; each of four rays
+// takes one part (`quarter`). Of more rays each stands for its own cell.
+[[gnu::noinline]] EVS_OUTLINE TileWeights blend_tiles(const Frame& f, const Rays& rays,
+                                                      const Texture& t, Float at_u, Float at_v,
+                                                      const ImageSides& s, bool quarter,
+                                                      Mask lanes) {
+  constexpr float FROM = 0.012f, TO = 0.024f;  // tiles
+  TileWeights out = {};
+  if (f.samples > 1) {
+    PixelParts own;
+    own.count = 1;
+    own.x[0] = own.y[0] = splat(0.0f);
+    own.square_x = own.square_y = splat(1.0f);
+    if (!f.lens) to_middle(f, rays, quarter ? 1 : f.cells, own.x[0], own.y[0]);
+    if (quarter) {
+      // the part on the ray's side of the pixel's middle
+      PixelParts parts = parts_of_pixel(s);
+      Mask right = own.x[0] < 0.0f, upper = own.y[0] < 0.0f;
+      auto of_side = [&](const Float* place) {
+        return select(upper, select(right, place[3], place[2]), select(right, place[1], place[0]));
+      };
+      own = {1,
+             {own.x[0] + of_side(parts.x)},
+             {own.y[0] + of_side(parts.y)},
+             parts.square_x,
+             parts.square_y,
+             parts.along};
+    }
+    add_parts(t, at_u, at_v, s, own, 1.0f, out);
+    return out;
+  }
+  const PixelParts parts = parts_of_pixel(s);
+  const PixelParts halves[2] = {half_of(parts, -0.25f), half_of(parts, 0.25f)};
+  // by so much halves lie better; of sides that are alike neither is cut
+  Float askew = tiles_askew(t, s, parts) - tiles_askew(t, s, halves[0]);
+  askew = min((askew - FROM) * (1.0f / (TO - FROM)), abs(parts.along) * 2.0f);
+  if (t.columns.count == 1 || t.rows.count == 1) askew = splat(0.0f);
+  Mask few = askew < 1.0f, many = askew > 0.0f;
+  if (any(few & lanes)) add_parts(t, at_u, at_v, s, parts, 0.25f, out);
+  if (!any(many & lanes)) return out;
+  TileWeights fine = {};
+  for (const PixelParts& half : halves) add_parts(t, at_u, at_v, s, half, 0.125f, fine);
+  for (int i = 0; i < t.rows.count; i++) {
+    for (int j = 0; j < t.columns.count; j++) {
+      Float blended = out.of[i][j] + (fine.of[i][j] - out.of[i][j]) * askew;
+      out.of[i][j] = select(few, select(many, blended, out.of[i][j]), fine.of[i][j]);
+    }
   }
   return out;
 }
@@ -146,7 +222,7 @@ EVS_INLINE TileWeights tile_weights(const Frame& f, const Rays& rays, const Text
   Float nearness = f.orthographic ? splat(0.0f) : 1.0f / max(distance, splat(1e-6f));
   // at most: the horizon is never crossed half a side away
   auto nearing = [&](Float nearer) {
-    return max(min(nearer * nearness, splat(0.9f)), splat(-0.9f)) * times;
+    return max(min(nearer * nearness * times, splat(0.9f)), splat(-0.9f));
   };
   const ImageSides s = {side[0] * times,
                         side[1] * times,
@@ -164,7 +240,8 @@ EVS_INLINE TileWeights tile_weights(const Frame& f, const Rays& rays, const Text
   TileWeights out = {};
   out.add(t, across, down);
   if (!(~to_bits(within) & lanes)) return out;
-  const TileWeights blended = blend_tiles(f, rays, t, u, v, s, quarter);
+  const TileWeights blended =
+      blend_tiles(f, rays, t, u, v, s, quarter, mask_from_bits(lanes) & ~within);
   for (int i = 0; i < t.rows.count; i++) {
     for (int j = 0; j < t.columns.count; j++) {
       out.of[i][j] = select(within, out.of[i][j], blended.of[i][j]);
