@@ -1,5 +1,5 @@
-"""A camera that creeps over a checker, and past the outlines of shapes: events of each renderer
-against the exact area that each pixel covers, in float64, or against 1,024 samples of it.
+"""A camera that creeps over a checker or a photograph, and past the outlines of shapes: events of
+each renderer against the exact area that each pixel covers, in float64, or 1,024 samples of it.
 
 lab/docs/sampling.md has the tables of
 `.venv/bin/pytest -m bench -s lab/tests/bench/test_creep_study.py`.
@@ -8,10 +8,13 @@ lab/docs/sampling.md has the tables of
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from matplotlib.cbook import get_sample_data
+from PIL import Image
 
 import evs
 from evs.msgs import Events
@@ -201,3 +204,23 @@ def test_events_of_an_outline(shape: str, speed_m_s: float) -> None:
         light = "direct" if render["renderer"] == "direct" else "hybrid"
         film = film_of(xml, at, **render)
         print_scores(name, film, truths[light], np.log(film / areas[light]))
+
+
+@pytest.mark.bench
+@pytest.mark.slow
+@pytest.mark.parametrize("speed_m_s", [0.1, 0.02])
+def test_events_of_a_photograph(speed_m_s: float, tmp_path: Path) -> None:
+    # matplotlib's sample portrait lies on the floor, with 2 to 100 texels a pixel
+    file = tmp_path / "photograph.png"
+    with get_sample_data("grace_hopper.jpg") as portrait:
+        Image.open(portrait).convert("RGB").save(file)
+    texture = f'<texture name="checker" type="2d" file="{file}"/><material'
+    head, tail = XML.format("checker").split("<texture", 1)
+    xml = head + texture + tail.split("<material", 1)[1].replace("8 8", "2 2")
+    at = [np.array([0.013, -1.2 + 1e-3 * t * speed_m_s, HEIGHT_M]) for t in range(TICKS)]
+    area = film_of(xml, at, 8, renderer="hybrid", spp=16, antialiasing="fixed")
+    truth = events_of(area)
+    print(f"\nphotograph, {speed_m_s} m/s: {len(truth)} events")
+    for name, render in RENDERERS.items():
+        film = film_of(xml, at, **render)
+        print_scores(name, film, truth, np.log(film / area))
