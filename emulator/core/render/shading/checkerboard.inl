@@ -198,7 +198,7 @@ EVS_INLINE Float tiles_askew(const Texture& t, const ImageSides& s, const PixelP
   Float askew = tiles_askew(t, s, parts) - tiles_askew(t, s, halves[0]);
   askew = min((askew - FROM) * (1.0f / (TO - FROM)), abs(parts.along) * 2.0f);
   if (t.columns.count == 1 || t.rows.count == 1) askew = splat(0.0f);
-  Mask few = askew < 1.0f, many = askew > 0.0f;
+  Mask few = ~(askew >= 1.0f), many = askew > 0.0f;  // a NaN: few
   if (any(few & lanes)) add_parts(t, at_u, at_v, s, parts, 0.25f, out);
   if (!any(many & lanes)) return out;
   TileWeights fine = {};
