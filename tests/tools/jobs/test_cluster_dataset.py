@@ -24,8 +24,8 @@ pytestmark = [
 WORDS = ["--short", "--scenes", "park,workshop", "--duration", "0.15", "sensor.width=43"]
 
 
-def test_a_data_set_completes_where_a_node_is_killed_midway(tmp_path: Path) -> None:
-    far, here = tmp_path / "far", tmp_path / "here"
+def made_while_a_node_is_killed(far: Path) -> str:
+    """Make the data set on two nodes, of which one is killed at work. Returns what it warns of."""
     with nodes(2) as cluster:
         program = subprocess.Popen(
             [sys.executable, "-m", "evs.launch.main", "dataset", far]
@@ -44,10 +44,21 @@ def test_a_data_set_completes_where_a_node_is_killed_midway(tmp_path: Path) -> N
     assert program.returncode == 0, err
     # two scenes of three ranges, events and frames
     assert out == f"{far}: 12 shards made, 0 were there\n"
+    return err
+
+
+def test_a_data_set_completes_where_a_node_is_killed_midway(tmp_path: Path) -> None:
+    here = tmp_path / "here"
+    # a worker that is named after its shard may have delivered it already: then none was lost
+    for attempt in range(3):
+        far = tmp_path / f"far{attempt}"
+        warned = made_while_a_node_is_killed(far)
+        if warned:
+            break
     assert re.fullmatch(
         r"(evs: warning: (park|workshop)/\w+/000\d: its node or worker died \(\w+\); "
         r"it is made again\n)+",
-        err,
+        warned,
     )
     assert main(["dataset", str(here), "--quiet", *WORDS]) == 0
     assert listed(far) == listed(here)
