@@ -48,7 +48,8 @@ EVS_INLINE void tile_shares(const TileAxis& axis, Float low, Float width, Float 
   to = to - turns;
   for (int k = 0; k + 1 < axis.count; k++) {
     auto covered = [&](Float x) {
-      return max(min(x - axis.offset[k], splat(axis.width[k])), splat(0.0f));
+      // the first tile begins at 0
+      return min(k ? max(x - axis.offset[k], splat(0.0f)) : x, splat(axis.width[k]));
     };
     Float length = turns * axis.width[k] + (covered(to) - covered(from));
     share[k] = max(min((length - ROUNDING) * inverse, splat(1.0f)), splat(0.0f));
@@ -148,16 +149,19 @@ EVS_INLINE void add_parts(const Texture& t, Float at_u, Float at_v, const ImageS
   }
 }
 
-// By how many tiles, in width times height, parts run askew: what does along x may make up for what
-// does along y.
-EVS_INLINE Float tiles_askew(const Texture& t, const ImageSides& s, const PixelParts& parts) {
-  float width = 1, height = 1;
+// By how much less the parts of halves run askew than these: tiles, in width times height. The
+// widest tile counts, since lines between tiles are a small share of a pixel.
+EVS_INLINE Float gain_of_halves(const Texture& t, const ImageSides& s, const PixelParts& parts) {
+  float width = 0, height = 0;
   for (int k = 0; k < t.columns.count; k++)
-    width = t.columns.width[k] < width ? t.columns.width[k] : width;
+    width = t.columns.width[k] > width ? t.columns.width[k] : width;
   for (int k = 0; k < t.rows.count; k++)
-    height = t.rows.width[k] < height ? t.rows.width[k] : height;
-  return abs(s.xu * s.xv * parts.square_x + s.yu * s.yv * parts.square_y) *
-         (1.0f / (width * height));
+    height = t.rows.width[k] > height ? t.rows.width[k] : height;
+  // what does along x may make up for what does along y
+  Float of_x = s.xu * s.xv * parts.square_x, of_y = s.yu * s.yv * parts.square_y;
+  Mask cut_y = parts.along > 0.0f;
+  Float half_x = select(cut_y, of_x, of_x * 0.25f), half_y = select(cut_y, of_y * 0.25f, of_y);
+  return (abs(of_x + of_y) - abs(half_x + half_y)) * (1.0f / (width * height));
 }
 
 // Average the tiles of `lanes` over what their rays stand for. A ray for the whole pixel takes four
@@ -193,16 +197,15 @@ EVS_INLINE Float tiles_askew(const Texture& t, const ImageSides& s, const PixelP
     return out;
   }
   const PixelParts parts = parts_of_pixel(s);
-  const PixelParts halves[2] = {half_of(parts, -0.25f), half_of(parts, 0.25f)};
-  // by so much halves lie better; of sides that are alike neither is cut
-  Float askew = tiles_askew(t, s, parts) - tiles_askew(t, s, halves[0]);
-  askew = min((askew - FROM) * (1.0f / (TO - FROM)), abs(parts.along) * 2.0f);
+  Float askew = (gain_of_halves(t, s, parts) - FROM) * (1.0f / (TO - FROM));
+  askew = min(askew, abs(parts.along) * 2.0f);  // of sides that are alike neither is cut
   if (t.columns.count == 1 || t.rows.count == 1) askew = splat(0.0f);
   Mask few = ~(askew >= 1.0f), many = askew > 0.0f;  // a NaN: few
   if (any(few & lanes)) add_parts(t, at_u, at_v, s, parts, 0.25f, out);
   if (!any(many & lanes)) return out;
   TileWeights fine = {};
-  for (const PixelParts& half : halves) add_parts(t, at_u, at_v, s, half, 0.125f, fine);
+  add_parts(t, at_u, at_v, s, half_of(parts, -0.25f), 0.125f, fine);
+  add_parts(t, at_u, at_v, s, half_of(parts, 0.25f), 0.125f, fine);
   for (int i = 0; i < t.rows.count; i++) {
     for (int j = 0; j < t.columns.count; j++) {
       Float blended = out.of[i][j] + (fine.of[i][j] - out.of[i][j]) * askew;
