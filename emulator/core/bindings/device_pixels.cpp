@@ -1,6 +1,7 @@
 // The Python binding of event pixels on a GPU.
 
 #include "sensor/device_pixels.h"
+#include "sensor/pixel_array.h"
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
@@ -31,13 +32,15 @@ void step_device_pixels(Array<const uint8_t, 1> arguments) {
   FlushDenormals flush;
   Scratch scratch;
   BudgetScratch budgets;
+  NoisyPixels noisy;
   std::vector<ShotCandidate> shots;
   std::vector<Crossing> out;
   for (size_t block = 0; block < block_count(d.pixels); block++) {
     const size_t first = block * BLOCK_PIXELS;
     out.clear();
     const size_t count = std::min<size_t>(BLOCK_PIXELS, d.pixels - first);
-    const size_t clamped = step_block(d.step, first, count, scratch, budgets, shots, out);
+    const size_t clamped = step_block(d.step, first, count, scratch, budgets, noisy, shots, out);
+    if (d.step.arrays.photon_noise()) finish_noisy(d.step, noisy, first, out);
     std::copy_n(out.begin(), std::min<size_t>(out.size(), d.crossing_room),
                 d.crossings + block * d.crossing_room);
     // those that are left behind, where a device counts all that it has drawn: only room for more

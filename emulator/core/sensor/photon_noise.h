@@ -171,20 +171,26 @@ struct PassageTable {
   }
 
   // Linear between two entries; |x| <= 8.
-  static double read(const float* entries, double x) {
+  EVS_ALWAYS_INLINE static double read(const float* entries, double x) {
     const double place = (x + 8.0) * (CELLS / 16.0);
-    const int cell = std::min(static_cast<int>(place), CELLS - 1);
+    const int found = static_cast<int>(place);
+    const int cell = found < CELLS - 1 ? found : CELLS - 1;
     const double low = entries[cell], high = entries[cell + 1];
     return low + (place - cell) * (high - low);
   }
 
-  double rate_at(double shift, double x) const {
-    if (!(x < FAR_LEVEL)) return 0.0;
+  // Without branches, so that loops over them vectorise; x < FAR_LEVEL.
+  EVS_ALWAYS_INLINE double rate_near(double shift, double x) const {
     const double level = shifted_level(shift, x);
-    return level < FAR_LEVEL ? read(rate, level) : 0.0;
+    const bool near = level < FAR_LEVEL;
+    return select(near, read(rate, select(near, level, double{FAR_LEVEL})), 0.0);
   }
-  double slope_at(double x) const { return read(slope, x); }
-  double loss_at(double x) const { return x < FAR_LEVEL ? read(loss, x) : 0.0; }
+  double rate_at(double shift, double x) const { return x < FAR_LEVEL ? rate_near(shift, x) : 0.0; }
+  EVS_ALWAYS_INLINE double slope_at(double x) const { return read(slope, x); }
+  EVS_ALWAYS_INLINE double loss_at(double x) const {
+    const bool near = x < FAR_LEVEL;
+    return select(near, read(loss, select(near, x, double{FAR_LEVEL})), 0.0);
+  }
 
   // Deviations at which the loss has a value.
   double level_of_loss(double value) const {
@@ -245,8 +251,8 @@ struct NoiseLevel {
 };
 
 struct NoiseStep {
-  double memory1, mean1;  // at the end
-  double passages;        // of a rate of 1
+  double memory1, mean1, signal1;  // at the end
+  double passages;                 // of a rate of 1
   NoiseLevel on, off;
 };
 

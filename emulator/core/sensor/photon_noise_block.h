@@ -36,6 +36,7 @@ struct BudgetScratch {
   // pixels, packed
   size_t packed;
   alignas(64) uint32_t pixel[BLOCK_PIXELS];
+  uint8_t place[BLOCK_PIXELS];  // of each pixel of the block, if it is packed
   alignas(64) float packed_dn[BLOCK_PIXELS];
   alignas(64) float theta_on[BLOCK_PIXELS];
   alignas(64) float theta_off[BLOCK_PIXELS];
@@ -146,7 +147,9 @@ EVS_ALWAYS_INLINE NoiseReach within_reach(const PixelStep& step, size_t first, s
 EVS_ALWAYS_INLINE size_t pack_pixels(uint64_t pixels, size_t lanes, BudgetScratch& b) {
   b.packed = 0;
   for (; pixels != 0; pixels &= pixels - 1) {
-    b.pixel[b.packed++] = static_cast<uint32_t>(std::countr_zero(pixels));
+    const int i = std::countr_zero(pixels);
+    b.place[i] = static_cast<uint8_t>(b.packed);
+    b.pixel[b.packed++] = static_cast<uint32_t>(i);
   }
 #ifdef EVS_ON_DEVICE
   lanes = 1;  // a thread has no registers to fill
@@ -193,25 +196,18 @@ EVS_ALWAYS_INLINE void add_levels(size_t which, size_t count, BudgetScratch& b) 
   }
 }
 
-// The band of a packed pixel and its step over the whole tick.
+// The band of a packed pixel and its step over the whole tick, at whose end there is `signal1`.
 inline NoiseBand noise_band_of(const BudgetScratch& b, size_t k, uint32_t tick_us) {
   const double us = tick_us;
   return {1.0 / std::sqrt(b.precision[k]), b.decay[k] / us, b.slow[k] / us, b.shift[k]};
 }
 
-inline NoiseStep noise_step(const BudgetScratch& b, size_t k) {
+inline NoiseStep noise_step(const BudgetScratch& b, size_t k, double signal1) {
   auto level = [&](size_t which) {
     return NoiseLevel{b.start[which][k], b.end[which][k], b.random[which][k], b.moving[which][k]};
   };
   const size_t on = b.on_is_nearer[k] != 0 ? 0 : 1;
-  return {b.memory[k], b.mean[k], b.passages[k], level(on), level(1 - on)};
-}
-
-// The place of a pixel among those that are packed.
-inline size_t place_of_pixel(const BudgetScratch& b, uint32_t pixel) {
-  size_t k = 0;
-  while (b.pixel[k] != pixel) k++;
-  return k;
+  return {b.memory[k], b.mean[k], signal1, b.passages[k], level(on), level(1 - on)};
 }
 
 // Use up the budgets of pixels of a block, given as bits. In: `candidates`, those of them that are

@@ -16,6 +16,50 @@
 
 namespace evs {
 
+// Pixels that a thread steps at a time.
+inline constexpr size_t BAND = 8192;
+static_assert(BAND % BLOCK_PIXELS == 0);
+
+// Step what is left of pixels with photon noise, and bring the crossings of a band that begins at a
+// pixel, which are all of `out`, into the order of its pixels.
+EVS_ALWAYS_INLINE void finish_noisy(const PixelStep& step, NoisyPixels& noisy, size_t first,
+                                    std::vector<Crossing>& out) {
+  advance_noisy(step, noisy, 0, out);
+  // by places in their blocks, then by blocks
+  std::vector<Crossing> other(out.size());
+  auto sort_by = [&](auto&& key) {
+    size_t place[std::max(BAND / BLOCK_PIXELS, BLOCK_PIXELS) + 1] = {};
+    for (const Crossing& crossing : out) place[key(crossing) + 1]++;
+    for (size_t i = 1; i < std::size(place); i++) place[i] += place[i - 1];
+    for (const Crossing& crossing : out) other[place[key(crossing)]++] = crossing;
+    out.swap(other);
+  };
+  sort_by([&](const Crossing& crossing) { return (crossing.pixel - first) % BLOCK_PIXELS; });
+  sort_by([&](const Crossing& crossing) { return (crossing.pixel - first) / BLOCK_PIXELS; });
+}
+
+// Pixels [first, last) in order; first is a multiple of BLOCK_PIXELS. Appends crossings to `out`.
+// Out: pixels with unusable luminance.
+EVS_ALWAYS_INLINE size_t step_pixels(const PixelStep& step, size_t first, size_t last,
+                                     std::vector<Crossing>& out) {
+  Scratch scratch;
+  BudgetScratch budgets;
+  thread_local NoisyPixels noisy;
+  noisy.clear();
+  std::vector<ShotCandidate> shots;
+  size_t clamped = 0;
+  const size_t begin = first;
+  for (; first < last; first += BLOCK_PIXELS) {
+    const size_t count = last - first < BLOCK_PIXELS ? last - first : BLOCK_PIXELS;
+    // whole blocks are compiled with a constant count
+    clamped += count == BLOCK_PIXELS
+                   ? step_block(step, first, BLOCK_PIXELS, scratch, budgets, noisy, shots, out)
+                   : step_block(step, first, count, scratch, budgets, noisy, shots, out);
+  }
+  if (step.arrays.photon_noise()) finish_noisy(step, noisy, begin, out);
+  return clamped;
+}
+
 // The pixel step compiled for each instruction set. All give the same bytes; only their speed
 // differs.
 using StepPixels = size_t (*)(const PixelStep&, size_t first, size_t last, std::vector<Crossing>&);
@@ -140,9 +184,6 @@ class PixelArray {
   }
 
  private:
-  static constexpr size_t BAND = 8192;
-  static_assert(BAND % BLOCK_PIXELS == 0);
-
   PixelSettings settings_;
   PixelPattern pattern_;
   uint32_t width_;

@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "sensor/photon_noise_block.h"
-#include "sensor/photon_noise_comparator.h"
+#include "sensor/photon_noise_steps.h"
 #include "sensor/photon_noise_still.h"
 #include "sensor/pixel_front_end.h"
 
@@ -36,24 +36,36 @@ inline double first_noise(const PixelStep& step, size_t pixel, float dn, double&
   return noise;
 }
 
-// The comparators of a pixel in any state: at a threshold, without a reference, or with noise.
+// Pixels with photon noise whose comparators step side by side. On a device a thread has one at a
+// time.
+struct NoisyPixels {
+#ifdef EVS_ON_DEVICE
+  static constexpr size_t ROOM = 1;
+#else
+  static constexpr size_t ROOM = 2 * BLOCK_PIXELS;
+#endif
+  NoisyComparators pixels[ROOM];
+  NoisyComparators* stepping[ROOM];  // those with steps left in the tick, and how many
+  size_t count = 0;
+  NoisyComparators* idle[ROOM];  // the others
+  size_t idle_count = 0;
+  NoisySteps<ROOM> steps;
+
+  NoisyPixels() { clear(); }
+  // Forget what an exception has left.
+  void clear() {
+    count = idle_count = 0;
+    for (NoisyComparators& pixel : pixels) idle[idle_count++] = &pixel;
+  }
+};
+
+// What a pixel's comparators need of it.
 template <bool NOISY>
-EVS_CALL_ON_DEVICE void compare(const PixelStep& step, size_t pixel, const Response& response,
-                                float from, float to, float dn, double reference, double drift,
-                                const BudgetScratch& budgets,
-                                const std::vector<ShotCandidate>& shots,
-                                std::vector<Crossing>& out) {
+EVS_ALWAYS_INLINE void make_comparators(const PixelStep& step, size_t pixel,
+                                        const Response& response, float from, float to, float dn,
+                                        double reference, double drift, Comparators& comparators) {
   const PixelPattern& pattern = step.pattern;
   const PixelArrays& arrays = step.arrays;
-  if (reference != reference && arrays.last_log[pixel] != arrays.last_log[pixel]) {
-    // start from the first light
-    double phase = pattern.phase == nullptr ? 0.0 : pattern.phase[pixel];
-    const bool begins = arrays.photon_noise() && to == to;  // else there is no light yet
-    const double noise = begins ? first_noise(step, pixel, dn, phase) : 0.0;
-    arrays.reference[pixel] = on_grid(to - phase + noise);
-    return;
-  }
-  Comparators comparators;
   comparators.pixel = static_cast<uint32_t>(pixel);
   comparators.theta_on = pattern.theta_on[pixel];
   comparators.theta_off = pattern.theta_off[pixel];
@@ -68,40 +80,114 @@ EVS_CALL_ON_DEVICE void compare(const PixelStep& step, size_t pixel, const Respo
   // load the end of a refractory period only if there is one: it is seldom in the cache
   const bool was_refractory = arrays.blind_until != nullptr && reference != reference;
   if (was_refractory) comparators.blind_until = arrays.blind_until[pixel];
-  if (pattern.hot != nullptr && pattern.hot[pixel] != 0) comparators.drift_cause = Cause::HOT;
+  const bool hot = pattern.hot != nullptr && pattern.hot[pixel] != 0;
+  comparators.drift_cause = hot ? Cause::HOT : Cause::LEAK;
   comparators.crosstalk = step.settings.aps_crosstalk;
   if (NOISY && arrays.shot_noise()) {
-    comparators.shot_on = step.pattern.shot_on[pixel];
-    comparators.shot_off = step.pattern.shot_off[pixel];
+    comparators.shot_on = pattern.shot_on[pixel];
+    comparators.shot_off = pattern.shot_off[pixel];
     comparators.rate_scale = step.settings.shot.rate_scale(dn);
   }
-  const uint32_t index = static_cast<uint32_t>(pixel % BLOCK_PIXELS);
-  if (arrays.photon_noise()) {
-    const bool leaks = pattern.leak != nullptr;
-    const bool still = from == to && !step.settings.references_follow();
-    // that of a still pixel must not depend on the tick
-    const bool stands = still && arrays.noise_memory[pixel] == 0.0f;
-    const size_t place = stands ? 0 : place_of_pixel(budgets, index);
-    NoisyComparators noisy(
-        comparators,
-        stands ? noise_at(step.settings, dn) : noise_band_of(budgets, place, step.tick.us),
-        stands ? NoiseStep{} : noise_step(budgets, place), noise_draws(step.settings, pixel));
-    noisy.leak = leaks ? leak_rate(step, pixel, dn) : 0.0;
-    noisy.still = still;
-    noisy.budget = arrays.noise_budget[pixel];
-    noisy.mean = arrays.noise_mean[pixel];
-    noisy.memory = arrays.noise_memory[pixel];
-    noisy.run<NOISY>(index, shots, out);
-    arrays.noise_budget[pixel] = noisy.budget;
-    arrays.noise_mean[pixel] = static_cast<float>(noisy.mean);
-    arrays.noise_memory[pixel] = static_cast<float>(noisy.memory);
-    comparators = noisy.pixel;
-  } else {
-    comparators.run<NOISY>(index, shots, out);
-  }
-  arrays.reference[pixel] = comparators.reference;
+}
+
+EVS_ALWAYS_INLINE void store(const PixelStep& step, const Comparators& comparators) {
+  const PixelArrays& arrays = step.arrays;
+  arrays.reference[comparators.pixel] = comparators.reference;
   const bool is_refractory = comparators.reference != comparators.reference;
-  if (is_refractory) arrays.blind_until[pixel] = comparators.blind_until;
+  if (is_refractory) arrays.blind_until[comparators.pixel] = comparators.blind_until;
+}
+inline void store(const PixelStep& step, NoisyComparators& noisy) {
+  const size_t pixel = noisy.pixel.pixel;
+  noisy.finish();
+  step.arrays.noise_budget[pixel] = noisy.budget;
+  step.arrays.noise_mean[pixel] = static_cast<float>(noisy.mean);
+  step.arrays.noise_memory[pixel] = static_cast<float>(noisy.memory);
+  store(step, noisy.pixel);
+}
+
+// The rest of what they need with photon noise.
+inline void add_noise(const PixelStep& step, float dn, const BudgetScratch& budgets,
+                      NoisyComparators& noisy) {
+  const size_t pixel = noisy.pixel.pixel;
+  const PixelArrays& arrays = step.arrays;
+  const bool still = noisy.pixel.from == noisy.pixel.to && !step.settings.references_follow();
+  // that of a still pixel must not depend on the tick
+  if (still && arrays.noise_memory[pixel] == 0.0f) {
+    noisy.band = noise_at(step.settings, dn);
+  } else {
+    const size_t place = budgets.place[pixel % BLOCK_PIXELS];
+    noisy.band = noise_band_of(budgets, place, step.tick.us);
+    noisy.step = noise_step(budgets, place, noisy.pixel.from + noisy.pixel.response.end);
+  }
+  noisy.draws = noise_draws(step.settings, pixel);
+  noisy.leak = step.pattern.leak != nullptr ? leak_rate(step, pixel, dn) : 0.0;
+  noisy.still = still;
+  noisy.budget = arrays.noise_budget[pixel];
+  noisy.mean = arrays.noise_mean[pixel];
+  noisy.memory = arrays.noise_memory[pixel];
+}
+
+// Step pixels with photon noise until at most so many have steps left, and store the state of the
+// others.
+EVS_ALWAYS_INLINE void advance_noisy(const PixelStep& step, NoisyPixels& noisy, size_t at_most,
+                                     std::vector<Crossing>& out) {
+  auto done = [&](NoisyComparators* pixel) {
+    store(step, *pixel);
+    noisy.idle[noisy.idle_count++] = pixel;
+  };
+  noisy.count = noisy.steps.advance(noisy.stepping, noisy.count, at_most, out, done);
+}
+
+// The comparators of a pixel in any state: at a threshold, without a reference, or with noise.
+// Those with photon noise and without candidates are left to finish_noisy.
+template <bool NOISY>
+EVS_CALL_ON_DEVICE void compare(const PixelStep& step, size_t pixel, const Response& response,
+                                float from, float to, float dn, double reference, double drift,
+                                const BudgetScratch& budgets,
+                                const std::vector<ShotCandidate>& shots, NoisyPixels& noisy_pixels,
+                                std::vector<Crossing>& out) {
+  const PixelPattern& pattern = step.pattern;
+  const PixelArrays& arrays = step.arrays;
+  if (reference != reference && arrays.last_log[pixel] != arrays.last_log[pixel]) {
+    // start from the first light
+    double phase = pattern.phase == nullptr ? 0.0 : pattern.phase[pixel];
+    const bool begins = arrays.photon_noise() && to == to;  // else there is no light yet
+    const double noise = begins ? first_noise(step, pixel, dn, phase) : 0.0;
+    arrays.reference[pixel] = on_grid(to - phase + noise);
+    return;
+  }
+  const uint32_t index = static_cast<uint32_t>(pixel % BLOCK_PIXELS);
+  if (!arrays.photon_noise()) {
+    Comparators comparators;
+    make_comparators<NOISY>(step, pixel, response, from, to, dn, reference, drift, comparators);
+    comparators.run<NOISY>(index, shots, out);
+    store(step, comparators);
+    return;
+  }
+  NoisyComparators* noisy = noisy_pixels.idle[--noisy_pixels.idle_count];
+  make_comparators<NOISY>(step, pixel, response, from, to, dn, reference, drift, noisy->pixel);
+  add_noise(step, dn, budgets, *noisy);
+  size_t k = 0;
+  auto next_shot = [&] {
+    while (NOISY && k < shots.size() && shots[k].pixel != index) k++;
+    return NOISY && k < shots.size() ? shots[k].offset : step.tick.us;
+  };
+  bool left = noisy->begin(next_shot(), out);
+  // up to each candidate alone
+  while (NOISY && k < shots.size()) {
+    NoisyComparators* alone = noisy;
+    if (left) noisy_pixels.steps.advance(&alone, 1, 0, out, [](NoisyComparators*) {});
+    left = false;
+    if (noisy->is_blind) break;
+    noisy->take_shot(shots[k++], out);
+    left = noisy->go_on(next_shot());
+  }
+  if (left) {
+    noisy_pixels.stepping[noisy_pixels.count++] = noisy;
+  } else {
+    store(step, *noisy);
+    noisy_pixels.idle[noisy_pixels.idle_count++] = noisy;
+  }
 }
 
 // The common case: a pixel at a threshold, with a reference and without noise. Gives what
@@ -252,8 +338,8 @@ EVS_ALWAYS_INLINE bool accepts(const PixelStep& step, size_t first, const ShotCa
 
 // Pixels [first, first + count) of one block. Out: pixels with unusable luminance.
 EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t count, Scratch& s,
-                                    BudgetScratch& budgets, std::vector<ShotCandidate>& shots,
-                                    std::vector<Crossing>& out) {
+                                    BudgetScratch& budgets, NoisyPixels& noisy_pixels,
+                                    std::vector<ShotCandidate>& shots, std::vector<Crossing>& out) {
   const PixelArrays& arrays = step.arrays;
   const size_t block = first / BLOCK_PIXELS;
   const int64_t end_us = step.tick.begin_us + step.tick.us;
@@ -350,15 +436,21 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
     const Response response = response_of(step, first, i, s, signal, drift);
     if ((noisy >> i & 1) != 0) {
       compare<true>(step, first + i, response, signal.from[i], signal.to[i], s.dn[i], r, drift,
-                    budgets, shots, out);
+                    budgets, shots, noisy_pixels, out);
     } else if (r != r || photon_noise) {
       compare<false>(step, first + i, response, signal.from[i], signal.to[i], s.dn[i], r, drift,
-                     budgets, shots, out);
+                     budgets, shots, noisy_pixels, out);
     } else if (refractory) {
       compare_simple<true>(step, first + i, response, signal.from[i], signal.to[i], r, drift, out);
     } else {
       compare_simple<false>(step, first + i, response, signal.from[i], signal.to[i], r, drift, out);
     }
+    if constexpr (NoisyPixels::ROOM == 1) advance_noisy(step, noisy_pixels, 0, out);
+  }
+  // make room for those of another block; what follows needs the state of this one's
+  const bool all = !changed && (at_threshold | noisy) != 0;
+  if (photon_noise && NoisyPixels::ROOM > 1 && (all || noisy_pixels.idle_count < BLOCK_PIXELS)) {
+    advance_noisy(step, noisy_pixels, all ? 0 : BLOCK_PIXELS, out);
   }
   // store the state of the block
   if (arrays.due_us != nullptr) {
@@ -368,24 +460,6 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
   float* last_log = arrays.last_log + first;
   for (size_t i = 0; i < count; i++) last_log[i] = s.log[i];
   for (size_t i = 0; i < count; i++) last_luminance[i] = s.usable[i];
-  return clamped;
-}
-
-// Pixels [first, last) in order; first is a multiple of BLOCK_PIXELS. Appends crossings to `out`.
-// Out: pixels with unusable luminance.
-EVS_ALWAYS_INLINE size_t step_pixels(const PixelStep& step, size_t first, size_t last,
-                                     std::vector<Crossing>& out) {
-  Scratch scratch;
-  BudgetScratch budgets;
-  std::vector<ShotCandidate> shots;
-  size_t clamped = 0;
-  for (; first < last; first += BLOCK_PIXELS) {
-    const size_t count = last - first < BLOCK_PIXELS ? last - first : BLOCK_PIXELS;
-    // whole blocks are compiled with a constant count
-    clamped += count == BLOCK_PIXELS
-                   ? step_block(step, first, BLOCK_PIXELS, scratch, budgets, shots, out)
-                   : step_block(step, first, count, scratch, budgets, shots, out);
-  }
   return clamped;
 }
 

@@ -68,49 +68,65 @@ EVS_ALWAYS_INLINE Response straighten(Response response, double tick) {
   return response;
 }
 
-// The share of the tick, in [from, 1], at which the signal has moved by `level` log units; at
-// `from` it has moved by `begin`. It is between `from` and the end of the tick, where the signal
+// Searches the share of the tick, in [from, 1], at which the signal has moved by `level` log units;
+// at `from` it has moved by `begin`. It is between `from` and the end of the tick, where the signal
 // has passed the level upwards or downwards (`up`). Halley's method, to an estimated tenth of a us,
-// and bisection to a us where that fails.
-EVS_CALL_ON_DEVICE inline double share_at(const Response& response, double level, bool up,
-                                          double from, double begin, double tick) {
-  constexpr int HALLEY = 6, MOST = 40;
-  const double sign = up ? 1.0 : -1.0;
-  const double left = sign * (level - begin);
-  const double total = sign * (response.end - begin);
-  if (!(left > 0.0)) return from;
-  if (!(left < total)) return 1.0;
-  double low = from, high = 1.0;
-  double u = from + (1.0 - from) * (left / total);
-  if (from == 0.0) {
-    // the first guess has the slope at the start and the value at the end: a hyperbola if the
-    // signal gets slower, else a parabola
+// and bisection to a us where that fails. Without branches, so that loops over searches vectorise.
+struct ShareSearch {
+  static constexpr int HALLEY = 6, MOST = 40;  // steps
+  double u, low, high;
+  bool found;
+
+  EVS_ALWAYS_INLINE static ShareSearch start(const Response& response, double level, bool up,
+                                             double from, double begin) {
+    const double sign = up ? 1.0 : -1.0;
+    const double left = sign * (level - begin);
+    const double total = sign * (response.end - begin);
+    const bool ahead = left > 0.0;
+    const bool within = ahead & (left < total);
+    const double line = from + (1.0 - from) * (left / total);
+    // at the start of the tick the first guess has the slope there and the value at the end: a
+    // hyperbola if the signal gets slower, else a parabola
     const double steep =
         sign * (response.slope + (response.first * response.k + response.second * response.z));
     const double rest = total - steep;
-    u = rest <= 0.0 ? left * total / (steep * (total - left) + left * total)
-                    : 2.0 * left / (steep + std::sqrt(steep * steep + 4.0 * rest * left));
+    const double hyperbola = left * total / (steep * (total - left) + left * total);
+    const double root = select(rest > 0.0, steep * steep + 4.0 * rest * left, 1.0);
+    const double curve = select(rest <= 0.0, hyperbola, 2.0 * left / (steep + std::sqrt(root)));
     // a start from rest is over soon
     const double soon = 1.5 * response.settling;
-    u = u < soon ? u : soon;
+    const double guess = select(from == 0.0, select(curve < soon, curve, soon), line);
+    return {select(within, guess, select(ahead, 1.0, from)), from, 1.0, !within};
   }
-  for (int i = 0; i < MOST; i++) {
+
+  // One step. `halley`: not by bisection, if that is possible.
+  EVS_ALWAYS_INLINE void step(const Response& response, double level, bool up, double tick,
+                              bool halley) {
+    const double sign = up ? 1.0 : -1.0;
     const Response::Point point = response.at(u);
     const double beyond = sign * (point.y - level);
-    (beyond < 0.0 ? low : high) = u;
+    low = select(beyond < 0.0, u, low);
+    high = select(beyond < 0.0, high, u);
     const double rise = sign * point.rise;
     const double curve = beyond * (sign * point.bend);
     const double square = rise * rise;
-    double next = u - 2.0 * beyond * rise / (2.0 * square - curve);
-    const bool bisects = i >= HALLEY || !(next > low && next < high);
-    if (bisects) next = 0.5 * (low + high);
-    const double moves = std::abs(next - u) * tick;
-    u = next;
+    const double next = u - 2.0 * beyond * rise / (2.0 * square - curve);
+    const bool inside = halley & (next > low) & (next < high);
+    const double chosen = select(inside, next, 0.5 * (low + high));
+    const double moves = std::abs(chosen - u) * tick;
+    u = chosen;
     // what is left of a step of Halley's is about the cube of its share of the bend's scale
     const double scale = curve / square;
-    if (moves < 1.0 || (!bisects && moves * (scale * scale) < 0.1)) break;
+    found = (moves < 1.0) | (inside & (moves * (scale * scale) < 0.1));
   }
-  return u;
+};
+
+EVS_CALL_ON_DEVICE inline double share_at(const Response& response, double level, bool up,
+                                          double from, double begin, double tick) {
+  ShareSearch search = ShareSearch::start(response, level, up, from, begin);
+  for (int i = 0; i < ShareSearch::MOST && !search.found; i++)
+    search.step(response, level, up, tick, i < ShareSearch::HALLEY);
+  return search.u;
 }
 
 // Microseconds after the start of the tick at which the signal has moved by `level`, rounded up;

@@ -28,10 +28,11 @@ EVS_ALWAYS_INLINE void step_block_of_thread(const DevicePixels& d) {
   size_t left = d.pixels - first;
   Scratch scratch;
   BudgetScratch budgets;
+  NoisyPixels noisy;
   std::vector<ShotCandidate> shots{d.candidates + block * d.candidate_room, d.candidate_room};
   std::vector<Crossing> out{d.crossings + block * d.crossing_room, d.crossing_room};
-  size_t clamped =
-      step_block(d.step, first, left < BLOCK_PIXELS ? left : BLOCK_PIXELS, scratch, budgets, shots, out);
+  size_t clamped = step_block(d.step, first, left < BLOCK_PIXELS ? left : BLOCK_PIXELS, scratch,
+                              budgets, noisy, shots, out);
   d.counts[block] = {static_cast<uint32_t>(out.wanted), static_cast<uint32_t>(shots.wanted),
                      static_cast<uint32_t>(clamped)};
 }
