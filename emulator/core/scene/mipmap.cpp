@@ -137,6 +137,35 @@ MipChain chain_of(const uint8_t* data, int faces, int height, int width, int com
   return chain;
 }
 
+// Texture::bend of a cube. Across its edges the slope may turn round.
+float bend_of(const MipChain& chain) {
+  constexpr float DN = 1.0f / 255;
+  const Texture& t = chain.layout;
+  const int w = t.level[0].width, h = t.level[0].height;
+  float most = 0;
+  for (int c = 0; c < t.channels; c++) {
+    for (int face = 0; face < t.faces; face++) {
+      auto value = [&](int y, int x) { return chain.texels[t.at(c, 0, face, y + 1, x + 1)]; };
+      for (int y = 0; y < h; y++) {
+        for (int x = 0; x < w; x++) {
+          const float own = value(y, x);
+          auto turn = [own](float before, float after, bool edge) {
+            const float rise = after - own, fall = own - before;
+            return edge ? 2 * (std::fabs(rise) + std::fabs(fall)) : std::fabs(rise - fall);
+          };
+          const float across = turn(value(y, std::max(x - 1, 0)), value(y, std::min(x + 1, w - 1)),
+                                    x == 0 || x == w - 1);
+          const float down = turn(value(std::max(y - 1, 0), x), value(std::min(y + 1, h - 1), x),
+                                  y == 0 || y == h - 1);
+          most = std::max(most, (across + down) / (own + DN));
+        }
+        if (!(most < 1)) return 1;
+      }
+    }
+  }
+  return most;
+}
+
 struct Decode {
   float value[256];
   explicit Decode(bool srgb) {
@@ -162,6 +191,7 @@ MipChain build_mip_chain(const uint8_t* data, int faces, int height, int width, 
   };
   MipChain chain = chain_of(data, faces, height, width, components, channels, bytes, texel);
   if (faces == 1) find_tiles(data, height, width, components, texel, chain.layout);
+  if (faces == 6) chain.layout.bend = bend_of(chain);
   if (!bytes) return chain;
   for (int k = 0; k < 3; k++) {
     for (float value : decode.value) chain.decoded.push_back(value * tint[k]);

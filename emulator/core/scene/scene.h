@@ -65,6 +65,9 @@ struct Texture {
   int channel_stride;  // texels of a plane
   int channels;        // planes of texels
   float mean;          // luminance
+  // of a cube: by how much the slope of the light changes from texel to texel at most, as a share
+  // of the light and 1 DN; 1: by more
+  float bend;
   int levels;
   int faces;  // 1 or 6
   TextureLevel level[MAX_LEVELS];

@@ -268,6 +268,21 @@ def test_textures_of_planes_and_the_sky_are_read_at_several_points_of_a_pixel() 
         assert error[2] < 0.9 * error[1] < 0.8 * error[0]
 
 
+@pytest.mark.parametrize("texels", [24, 100, 400])
+def test_a_smooth_sky_is_its_mean_in_every_pixel_within_a_bound(texels: int) -> None:
+    xml = f"""
+    <mujoco><asset><texture type="skybox" builtin="gradient" rgb1=".9 .7 .5" rgb2="0 .02 .1"
+      width="{texels}" height="{6 * texels}"/></asset>
+      <worldbody><geom size=".1" pos="0 0 -9"/></worldbody></mujoco>"""
+    view = CameraConfig(lookat=(0, 0, 0), distance=4, azimuth=40, elevation=10, fovy=100)
+    film = Film(xml, (WIDTH, HEIGHT), view)
+    many = RenderConfig(spp=256, antialiasing="fixed")
+    truth = NativeRenderer(film.scene, film.camera, many, 1).render(film.shot, film.shot.cameras[0])
+    light = film.light(spp=4, antialiasing="adaptive")
+    # SMOOTH of core/render/shading/environment.inl, and what 256 samples and eight taps leave
+    assert np.all(np.abs(light - truth) < 0.008 * (truth + 1 / 255))
+
+
 def test_the_sky_in_a_mirror_is_read_across_what_a_pixel_sees_of_it() -> None:
     xml = """
     <mujoco><visual><headlight active="0"/></visual>

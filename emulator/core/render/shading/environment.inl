@@ -28,26 +28,42 @@ EVS_OUTLINE void camera_environment(const Frame& f, const Rays& rays, unsigned l
   } else {
     axes_of(d, right, up);
   }
-  // add up the taps of the pixel
-  int taps = f.taps > 1 ? f.taps : 1;
+  // The middle of the pixel serves where the sky is so smooth that its mean differs by less than
+  // SMOOTH: of a box on lines that meet, by an eighth of its width times their bend.
+  constexpr float SMOOTH = 0.004f;
+  const int taps = f.taps > 1 ? f.taps : 1;
+  Mask smooth = mask_from_bits(0);
+  Float middle[CHANNELS];
+  if (taps == 1 || t.bend < 1) {
+    Float u, v, major;
+    Int face;
+    cube_coordinates({w.x, w.z, -w.y}, u, v, face, major);
+    float texels = footprint * static_cast<float>(t.level[0].width);
+    smooth = splat(texels * t.bend) < major * major * (8 * SMOOTH);
+    if (taps == 1) smooth = mask_from_bits(ALL_LANES);
+    if (any(smooth & mask_from_bits(lanes)))
+      read_lod(t, CHANNELS, lod_of(t, splat(footprint) / major, lanes), u, v, face, middle);
+    if (!any(~smooth & mask_from_bits(lanes))) {
+      for (int c = 0; c < CHANNELS; c++) out[c] = middle[c];
+      return;
+    }
+  }
+  // add up the taps
   Lod lod;
   for (int i = 0; i < taps; i++) {
-    Vec to = w;
-    if (taps > 1)
-      to = to_camera(r, d + (right * splat(f.tap_x[i] / f.fx) - up * splat(f.tap_y[i] / f.fy)));
+    Vec to = to_camera(r, d + (right * splat(f.tap_x[i] / f.fx) - up * splat(f.tap_y[i] / f.fy)));
     Float u, v, major;
     Int face;
     cube_coordinates({to.x, to.z, -to.y}, u, v, face, major);
     // the points lie close together, so all use the first one's level of detail
-    if (i == 0)
-      lod = lod_of(t, splat(taps > 1 ? footprint * f.tap_width : footprint) / major, lanes);
+    if (i == 0) lod = lod_of(t, splat(footprint * f.tap_width) / major, lanes);
     Float texel[CHANNELS];
     read_lod(t, CHANNELS, lod, u, v, face, i == 0 ? out : texel);
     if (i == 0) continue;
     for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + texel[c];
   }
-  if (taps == 1) return;
-  for (int c = 0; c < CHANNELS; c++) out[c] = out[c] * (1.0f / static_cast<float>(taps));
+  for (int c = 0; c < CHANNELS; c++)
+    out[c] = select(smooth, middle[c], out[c] * (1.0f / static_cast<float>(taps)));
 }
 
 }  // namespace
