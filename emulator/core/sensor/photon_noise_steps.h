@@ -280,7 +280,7 @@ struct NoisySteps {
       const double moved = (signal[i] - from[i]) + ((moves[i] + drift[i]) - moves[i]) * begin[i];
       level[i] = select(up[i] != 0, moved + distance[i], moved - distance[i]);
       const ShareSearch search =
-          ShareSearch::start(response_of(i), level[i], up[i] != 0, begin[i], moved);
+          ShareSearch::start<false>(response_of(i), level[i], up[i] != 0, begin[i], moved);
       reached[i] = search.u;
       low[i] = search.low;
       high[i] = search.high;
@@ -290,7 +290,7 @@ struct NoisySteps {
       uint64_t any = 0;
       for (size_t i = 0; i < count; i++) {
         ShareSearch search = {reached[i], low[i], high[i], false};
-        search.step(response_of(i), level[i], up[i] != 0, tick[i], n < ShareSearch::HALLEY);
+        search.step<false>(response_of(i), level[i], up[i] != 0, tick[i], n < ShareSearch::HALLEY);
         const bool goes_on = searching[i] != 0;
         reached[i] = select(goes_on, search.u, reached[i]);
         low[i] = select(goes_on, search.low, low[i]);

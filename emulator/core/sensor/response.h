@@ -34,9 +34,12 @@ struct Response {
   struct Point {
     double y, rise, bend;
   };
-  Point at(double u) const {
-    const double a = lowpass_share(k * static_cast<float>(u));
-    const double b = lowpass_share(z * static_cast<float>(u));
+  // BRANCHES: for one pixel; without them loops over pixels vectorise.
+  template <bool BRANCHES>
+  EVS_ALWAYS_INLINE Point at(double u) const {
+    auto share = [](float rate) { return BRANCHES ? lowpass_share(rate) : lowpass_a(rate); };
+    const double a = share(k * static_cast<float>(u));
+    const double b = share(z * static_cast<float>(u));
     const double fast = first * (k * (1.0 - a));
     const double slow = second * (z * (1.0 - b));
     return {slope * u + (first * a + second * b), slope + (fast + slow), -(k * fast + z * slow)};
@@ -71,39 +74,52 @@ EVS_ALWAYS_INLINE Response straighten(Response response, double tick) {
 // Searches the share of the tick, in [from, 1], at which the signal has moved by `level` log units;
 // at `from` it has moved by `begin`. It is between `from` and the end of the tick, where the signal
 // has passed the level upwards or downwards (`up`). Halley's method, to an estimated tenth of a us,
-// and bisection to a us where that fails. Without branches, so that loops over searches vectorise.
+// and bisection to a us where that fails.
 struct ShareSearch {
   static constexpr int HALLEY = 6, MOST = 40;  // steps
   double u, low, high;
   bool found;
 
+  // BRANCHES: for one search; without them loops over searches vectorise.
+  template <bool BRANCHES>
   EVS_ALWAYS_INLINE static ShareSearch start(const Response& response, double level, bool up,
                                              double from, double begin) {
+    auto choose = [](bool first, auto&& one, auto&& other) {
+      if constexpr (BRANCHES) return first ? one() : other();
+      return select(first, one(), other());
+    };
     const double sign = up ? 1.0 : -1.0;
     const double left = sign * (level - begin);
     const double total = sign * (response.end - begin);
     const bool ahead = left > 0.0;
     const bool within = ahead & (left < total);
-    const double line = from + (1.0 - from) * (left / total);
+    auto line = [&] { return from + (1.0 - from) * (left / total); };
     // at the start of the tick the first guess has the slope there and the value at the end: a
     // hyperbola if the signal gets slower, else a parabola
-    const double steep =
-        sign * (response.slope + (response.first * response.k + response.second * response.z));
-    const double rest = total - steep;
-    const double hyperbola = left * total / (steep * (total - left) + left * total);
-    const double root = select(rest > 0.0, steep * steep + 4.0 * rest * left, 1.0);
-    const double curve = select(rest <= 0.0, hyperbola, 2.0 * left / (steep + std::sqrt(root)));
-    // a start from rest is over soon
-    const double soon = 1.5 * response.settling;
-    const double guess = select(from == 0.0, select(curve < soon, curve, soon), line);
-    return {select(within, guess, select(ahead, 1.0, from)), from, 1.0, !within};
+    auto curve = [&] {
+      const double steep =
+          sign * (response.slope + (response.first * response.k + response.second * response.z));
+      const double rest = total - steep;
+      auto hyperbola = [&] { return left * total / (steep * (total - left) + left * total); };
+      auto parabola = [&] {
+        return 2.0 * left / (steep + std::sqrt(steep * steep + 4.0 * rest * left));
+      };
+      const double guess = choose(rest <= 0.0, hyperbola, parabola);
+      // a start from rest is over soon
+      const double soon = 1.5 * response.settling;
+      return guess < soon ? guess : soon;
+    };
+    auto guess = [&] { return choose(from == 0.0, curve, line); };
+    auto bound = [&] { return ahead ? 1.0 : from; };
+    return {choose(within, guess, bound), from, 1.0, !within};
   }
 
-  // One step. `halley`: not by bisection, if that is possible.
+  // One step. BRANCHES: as of `start`. `halley`: not by bisection, if that is possible.
+  template <bool BRANCHES>
   EVS_ALWAYS_INLINE void step(const Response& response, double level, bool up, double tick,
                               bool halley) {
     const double sign = up ? 1.0 : -1.0;
-    const Response::Point point = response.at(u);
+    const Response::Point point = response.at<BRANCHES>(u);
     const double beyond = sign * (point.y - level);
     low = select(beyond < 0.0, u, low);
     high = select(beyond < 0.0, high, u);
@@ -123,9 +139,9 @@ struct ShareSearch {
 
 EVS_CALL_ON_DEVICE inline double share_at(const Response& response, double level, bool up,
                                           double from, double begin, double tick) {
-  ShareSearch search = ShareSearch::start(response, level, up, from, begin);
+  ShareSearch search = ShareSearch::start<true>(response, level, up, from, begin);
   for (int i = 0; i < ShareSearch::MOST && !search.found; i++)
-    search.step(response, level, up, tick, i < ShareSearch::HALLEY);
+    search.step<true>(response, level, up, tick, i < ShareSearch::HALLEY);
   return search.u;
 }
 
