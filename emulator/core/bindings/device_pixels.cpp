@@ -33,6 +33,7 @@ void step_device_pixels(Array<const uint8_t, 1> arguments) {
   Scratch scratch;
   BudgetScratch budgets;
   NoisyPixels noisy;
+  noisy.advance = advance_noisy;
   std::vector<ShotCandidate> shots;
   std::vector<Crossing> out;
   for (size_t block = 0; block < block_count(d.pixels); block++) {

@@ -22,9 +22,9 @@ static_assert(BAND % BLOCK_PIXELS == 0);
 
 // Step what is left of pixels with photon noise, and bring the crossings of a band that begins at a
 // pixel, which are all of `out`, into the order of its pixels.
-EVS_ALWAYS_INLINE void finish_noisy(const PixelStep& step, NoisyPixels& noisy, size_t first,
-                                    std::vector<Crossing>& out) {
-  advance_noisy(step, noisy, 0, out);
+inline void finish_noisy(const PixelStep& step, NoisyPixels& noisy, size_t first,
+                         std::vector<Crossing>& out) {
+  noisy.advance(step, noisy, 0, out);
   // by places in their blocks, then by blocks
   std::vector<Crossing> other(out.size());
   auto sort_by = [&](auto&& key) {
@@ -38,14 +38,17 @@ EVS_ALWAYS_INLINE void finish_noisy(const PixelStep& step, NoisyPixels& noisy, s
   sort_by([&](const Crossing& crossing) { return (crossing.pixel - first) / BLOCK_PIXELS; });
 }
 
+using AdvanceNoisy = decltype(NoisyPixels::advance);
+
 // Pixels [first, last) in order; first is a multiple of BLOCK_PIXELS. Appends crossings to `out`.
 // Out: pixels with unusable luminance.
 EVS_ALWAYS_INLINE size_t step_pixels(const PixelStep& step, size_t first, size_t last,
-                                     std::vector<Crossing>& out) {
+                                     AdvanceNoisy advance, std::vector<Crossing>& out) {
   Scratch scratch;
   BudgetScratch budgets;
   thread_local NoisyPixels noisy;
   noisy.clear();
+  noisy.advance = advance;
   std::vector<ShotCandidate> shots;
   size_t clamped = 0;
   const size_t begin = first;
@@ -65,23 +68,35 @@ EVS_ALWAYS_INLINE size_t step_pixels(const PixelStep& step, size_t first, size_t
 using StepPixels = size_t (*)(const PixelStep&, size_t first, size_t last, std::vector<Crossing>&);
 
 #if EVS_BUILT_PORTABLE || EVS_BUILT_NEON || EVS_BUILT_ONE_LANE
+inline void advance_portable(const PixelStep& step, NoisyPixels& noisy, size_t at_most,
+                             std::vector<Crossing>& out) {
+  advance_noisy(step, noisy, at_most, out);
+}
 inline size_t step_portable(const PixelStep& step, size_t first, size_t last,
                             std::vector<Crossing>& out) {
-  return step_pixels(step, first, last, out);
+  return step_pixels(step, first, last, advance_portable, out);
 }
 #endif
 
 #if EVS_BUILT_AVX2
+EVS_AVX2 inline void advance_avx2(const PixelStep& step, NoisyPixels& noisy, size_t at_most,
+                                  std::vector<Crossing>& out) {
+  advance_noisy(step, noisy, at_most, out);
+}
 EVS_AVX2 inline size_t step_avx2(const PixelStep& step, size_t first, size_t last,
                                  std::vector<Crossing>& out) {
-  return step_pixels(step, first, last, out);
+  return step_pixels(step, first, last, advance_avx2, out);
 }
 #endif
 
 #if EVS_BUILT_AVX512
+EVS_AVX512 inline void advance_avx512(const PixelStep& step, NoisyPixels& noisy, size_t at_most,
+                                      std::vector<Crossing>& out) {
+  advance_noisy(step, noisy, at_most, out);
+}
 EVS_AVX512 inline size_t step_avx512(const PixelStep& step, size_t first, size_t last,
                                      std::vector<Crossing>& out) {
-  return step_pixels(step, first, last, out);
+  return step_pixels(step, first, last, advance_avx512, out);
 }
 #endif
 

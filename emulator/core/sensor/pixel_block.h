@@ -50,6 +50,11 @@ struct NoisyPixels {
   NoisyComparators* idle[ROOM];  // the others
   size_t idle_count = 0;
   NoisySteps<ROOM> steps;
+#ifndef EVS_ON_DEVICE
+  // advance_noisy, compiled for an instruction set, apart from the step of the pixels: with both,
+  // that would be so large that compilers no longer inline it
+  void (*advance)(const PixelStep&, NoisyPixels&, size_t at_most, std::vector<Crossing>&);
+#endif
 
   NoisyPixels() { clear(); }
   // Forget what an exception has left.
@@ -445,13 +450,17 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
     } else {
       compare_simple<false>(step, first + i, response, signal.from[i], signal.to[i], r, drift, out);
     }
-    if constexpr (NoisyPixels::ROOM == 1) advance_noisy(step, noisy_pixels, 0, out);
+#ifdef EVS_ON_DEVICE
+    advance_noisy(step, noisy_pixels, 0, out);
+#endif
   }
+#ifndef EVS_ON_DEVICE
   // make room for those of another block; what follows needs the state of this one's
   const bool all = !changed && (at_threshold | noisy) != 0;
-  if (photon_noise && NoisyPixels::ROOM > 1 && (all || noisy_pixels.idle_count < BLOCK_PIXELS)) {
-    advance_noisy(step, noisy_pixels, all ? 0 : BLOCK_PIXELS, out);
+  if (photon_noise && (all || noisy_pixels.idle_count < BLOCK_PIXELS)) {
+    noisy_pixels.advance(step, noisy_pixels, all ? 0 : BLOCK_PIXELS, out);
   }
+#endif
   // store the state of the block
   if (arrays.due_us != nullptr) {
     arrays.due_us[block] = changed ? end_us : quiet_until(step, first, count, signal.to, s.dn);

@@ -121,19 +121,25 @@ struct ShareSearch {
     const double sign = up ? 1.0 : -1.0;
     const Response::Point point = response.at<BRANCHES>(u);
     const double beyond = sign * (point.y - level);
-    low = select(beyond < 0.0, u, low);
-    high = select(beyond < 0.0, high, u);
+    if constexpr (BRANCHES) {
+      (beyond < 0.0 ? low : high) = u;
+    } else {
+      low = select(beyond < 0.0, u, low);
+      high = select(beyond < 0.0, high, u);
+    }
     const double rise = sign * point.rise;
     const double curve = beyond * (sign * point.bend);
     const double square = rise * rise;
     const double next = u - 2.0 * beyond * rise / (2.0 * square - curve);
     const bool inside = halley & (next > low) & (next < high);
-    const double chosen = select(inside, next, 0.5 * (low + high));
+    const double middle = 0.5 * (low + high);
+    const double chosen = BRANCHES ? (inside ? next : middle) : select(inside, next, middle);
     const double moves = std::abs(chosen - u) * tick;
     u = chosen;
     // what is left of a step of Halley's is about the cube of its share of the bend's scale
     const double scale = curve / square;
-    found = (moves < 1.0) | (inside & (moves * (scale * scale) < 0.1));
+    const bool settled = moves * (scale * scale) < 0.1;
+    found = BRANCHES ? moves < 1.0 || (inside && settled) : (moves < 1.0) | (inside & settled);
   }
 };
 
