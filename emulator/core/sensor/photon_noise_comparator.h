@@ -3,8 +3,8 @@
 // As Comparators (comparator.h), with levels that the sum of signal and noise reaches by first
 // passage (photon_noise.h): a step of time uses up the budget of the pixel by its hazard, and where
 // the hazard is larger there is an event, at which the noise is known. Steps are short while the
-// noise loses its memory and may decide when the event comes. The pixels of a block step side by
-// side, each at its own time (photon_noise_steps.h).
+// noise loses its memory and may decide when the event comes. Pixels step side by side,
+// each at its own time (photon_noise_steps.h).
 #pragma once
 
 #include <algorithm>

@@ -144,7 +144,7 @@ EVS_ALWAYS_INLINE void advance_noisy(const PixelStep& step, NoisyPixels& noisy, 
 }
 
 // The comparators of a pixel in any state: at a threshold, without a reference, or with noise.
-// Those with photon noise and without candidates are left to finish_noisy.
+// Steps of those with photon noise that no candidate ends are left to advance_noisy.
 template <bool NOISY>
 EVS_CALL_ON_DEVICE void compare(const PixelStep& step, size_t pixel, const Response& response,
                                 float from, float to, float dn, double reference, double drift,

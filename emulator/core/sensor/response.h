@@ -50,14 +50,6 @@ struct Response {
     const double b = lowpass_share(z * static_cast<float>(u));
     return slope * u + (first * a + second * b);
   }
-
-  // The same with another drift, which moves it by `more` in a tick.
-  Response drifting(double more) const {
-    Response other = *this;
-    other.end += more;
-    other.slope += more;
-    return other;
-  }
 };
 
 // Give up the bends of a response if they move no stamp by more than a quarter of a us.
