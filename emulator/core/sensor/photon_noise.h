@@ -234,6 +234,11 @@ EVS_ALWAYS_INLINE Real unknown_share(Real memory) {
   return std::sqrt((Real(1) - memory) * (Real(1) + memory));
 }
 
+// How much of its memory the noise keeps for so many us.
+EVS_ALWAYS_INLINE double memory_kept(double decay, double us) {
+  return 1.0 - static_cast<double>(lowpass_a(static_cast<float>(decay * us)));
+}
+
 // The noise at one light.
 struct NoiseBand {
   double sigma;  // log units

@@ -174,12 +174,8 @@ struct NoisyComparators {
     signal = signal_at(us);
   }
 
-  double keep(double us) const {
-    return 1.0 - static_cast<double>(lowpass_a(static_cast<float>(band.decay * us)));
-  }
-
   void forget(double us) {
-    const double kept = keep(us);
+    const double kept = memory_kept(band.decay, us);
     memory *= kept;
     mean *= kept;
     if (memory < FORGOTTEN) memory = mean = 0.0;

@@ -159,14 +159,13 @@ struct NoisySteps {
   EVS_ALWAYS_INLINE void compute(size_t count) {
     for (size_t i = 0; i < count; i++) {
       const double u = end[i] / tick[i];
-      const double a = lowpass_a(k[i] * static_cast<float>(u));
-      const double b = lowpass_a(z[i] * static_cast<float>(u));
-      const double bent = slope[i] * u + (first[i] * a + second[i] * b);
+      const Response response = response_of(i, 0.0);
+      const double bent = response.bent<false>(u);
       signal1[i] = from[i] + select((bends[i] != 0) & (u < 1.0), bent, moves[i] * u);
     }
     for (size_t i = 0; i < count; i++) {
       const double dt = end[i] - now[i];
-      const double kept = 1.0 - static_cast<double>(lowpass_a(static_cast<float>(decay[i] * dt)));
+      const double kept = memory_kept(decay[i], dt);
       const double rest = memory[i] * kept;
       const double known = select(rest < FORGOTTEN, 0.0, rest);
       memory1[i] = known;
@@ -279,8 +278,8 @@ struct NoisySteps {
       begin[i] = now[i] / tick[i];
       const double moved = (signal[i] - from[i]) + ((moves[i] + drift[i]) - moves[i]) * begin[i];
       level[i] = select(up[i] != 0, moved + distance[i], moved - distance[i]);
-      const ShareSearch search =
-          ShareSearch::start<false>(response_of(i), level[i], up[i] != 0, begin[i], moved);
+      const ShareSearch search = ShareSearch::start<false>(response_of(i, drift[i]), level[i],
+                                                           up[i] != 0, begin[i], moved);
       reached[i] = search.u;
       low[i] = search.low;
       high[i] = search.high;
@@ -290,7 +289,8 @@ struct NoisySteps {
       uint64_t any = 0;
       for (size_t i = 0; i < count; i++) {
         ShareSearch search = {reached[i], low[i], high[i], false};
-        search.step<false>(response_of(i), level[i], up[i] != 0, tick[i], n < ShareSearch::HALLEY);
+        search.step<false>(response_of(i, drift[i]), level[i], up[i] != 0, tick[i],
+                           n < ShareSearch::HALLEY);
         const bool goes_on = searching[i] != 0;
         reached[i] = select(goes_on, search.u, reached[i]);
         low[i] = select(goes_on, search.low, low[i]);
@@ -312,16 +312,9 @@ struct NoisySteps {
     return select(x < 0.0, 0.0, most);
   }
 
-  // What Response has of a pixel, with the drift of its noise.
-  EVS_ALWAYS_INLINE Response response_of(size_t i) const {
-    return {moves[i] + drift[i],
-            slope[i] + drift[i],
-            first[i],
-            second[i],
-            k[i],
-            z[i],
-            settling[i],
-            true};
+  // What Response has of a pixel, with another drift.
+  EVS_ALWAYS_INLINE Response response_of(size_t i, double more) const {
+    return {moves[i] + more, slope[i] + more, first[i], second[i], k[i], z[i], settling[i], true};
   }
 };
 

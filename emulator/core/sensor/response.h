@@ -37,18 +37,24 @@ struct Response {
   // BRANCHES: for one pixel; without them loops over pixels vectorise.
   template <bool BRANCHES>
   EVS_ALWAYS_INLINE Point at(double u) const {
-    auto share = [](float rate) { return BRANCHES ? lowpass_share(rate) : lowpass_a(rate); };
-    const double a = share(k * static_cast<float>(u));
-    const double b = share(z * static_cast<float>(u));
+    const double a = share<BRANCHES>(k * static_cast<float>(u));
+    const double b = share<BRANCHES>(z * static_cast<float>(u));
     const double fast = first * (k * (1.0 - a));
     const double slow = second * (z * (1.0 - b));
     return {slope * u + (first * a + second * b), slope + (fast + slow), -(k * fast + z * slow)};
   }
-  double moved(double u) const {
-    if (!bends || u >= 1.0) return end * u;
-    const double a = lowpass_share(k * static_cast<float>(u));
-    const double b = lowpass_share(z * static_cast<float>(u));
+  double moved(double u) const { return !bends || u >= 1.0 ? end * u : bent<true>(u); }
+  // The same where it bends inside the tick. BRANCHES: as of `at`.
+  template <bool BRANCHES>
+  EVS_ALWAYS_INLINE double bent(double u) const {
+    const double a = share<BRANCHES>(k * static_cast<float>(u));
+    const double b = share<BRANCHES>(z * static_cast<float>(u));
     return slope * u + (first * a + second * b);
+  }
+
+  template <bool BRANCHES>
+  EVS_ALWAYS_INLINE static float share(float rate) {
+    return BRANCHES ? lowpass_share(rate) : lowpass_a(rate);
   }
 };
 
