@@ -417,7 +417,8 @@ class Publisher(Sink):
         """
         deadline_s = monotonic_s() + self._linger_s
         self._read_requests(server)
-        if self._ports.watched:
+        # twice: a client that reads the last state meanwhile may miss one, see `Latest`
+        for _ in range(2 * self._ports.watched):
             self._ports.publish_state(end=True)
             self._ports.poll(_REPEAT_MS)
         while self._audience.anybody:

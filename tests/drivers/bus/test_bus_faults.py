@@ -132,12 +132,12 @@ def test_a_frozen_subscriber_loses_its_own_data_only(camera: Camera, listeners: 
         camera.send(1800)
         os.kill(frozen.pid, signal.SIGCONT)
         camera.send(300)
-        sent = camera.seq
         newest = None
-        while newest is None or newest.of("cam").seq < sent - 1:
-            found = latest.get(10)
-            assert found is not None
-            newest = found
+        while newest is None or newest.of("cam").seq < camera.seq - 1:
+            camera.send(1)
+            newest = latest.get(10)
+            assert newest is not None
+    sent = camera.seq
     camera.sender.close()
     found_well, found_frozen = totals(well), totals(frozen)
     assert found_well["first"] + found_well["packets"] == sent
