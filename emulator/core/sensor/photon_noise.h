@@ -239,6 +239,20 @@ EVS_ALWAYS_INLINE double memory_kept(double decay, double us) {
   return 1.0 - static_cast<double>(lowpass_a(static_cast<float>(decay * us)));
 }
 
+// What is known of the noise.
+struct NoiseMemory {
+  double memory;
+  double mean;  // log units
+};
+
+// The same so many us later.
+EVS_ALWAYS_INLINE NoiseMemory forget(NoiseMemory known, double decay, double us) {
+  const double kept = memory_kept(decay, us);
+  const double memory = known.memory * kept;
+  const bool forgotten = memory < FORGOTTEN;
+  return {select(forgotten, 0.0, memory), select(forgotten, 0.0, known.mean * kept)};
+}
+
 // The noise at one light.
 struct NoiseBand {
   double sigma;  // log units
@@ -285,31 +299,40 @@ struct NoiseDraws {
   int64_t last_us = -1;
   uint64_t repeat = 0;
 
-  // The budget after an event at this time, and the counter of its other numbers.
-  double renew(int64_t us) {
+  // The budget after an event at this time.
+  double renew(int64_t us) { return budget_of(hash(key, next_budget(us))); }
+  double standard_normal(int64_t us) const { return normal_of(hash(key, normal_at(us))); }
+  double polarity(int64_t us) const { return uniform(hash(key, counter(us) + 2)); }
+
+  // The counter of the budget after an event at this time, which those of its other numbers follow.
+  uint64_t next_budget(int64_t us) {
     repeat = us == last_us ? (repeat < 63 ? repeat + 1 : 63) : 0;
     last_us = us;
-    const double drawn = on_budget_grid(minus_ln(hash(key, counter(us))));
-    return drawn > 0.0 ? drawn : LEAST_BUDGET;
+    return counter(us);
+  }
+  uint64_t normal_at(int64_t us) const { return counter(us) + 1; }
+
+  EVS_ALWAYS_INLINE static double budget_of(uint64_t bits) {
+    const double drawn = on_budget_grid(static_cast<double>(minus_ln(bits)));
+    return select(drawn > 0.0, drawn, LEAST_BUDGET);
   }
   // By Box and Muller (1958), from the two halves of one random number.
-  double standard_normal(int64_t us) const {
-    const uint64_t bits = hash(key, counter(us) + 1);
+  EVS_ALWAYS_INLINE static double normal_of(uint64_t bits) {
     const float turn = static_cast<float>(static_cast<int32_t>(bits & 0xffffffffu)) * 0x1p-32f;
-    const float up = 0.25f - (turn < 0.0f ? -turn : turn);  // cos of the turn is the sine of this
+    const float up = 0.25f - std::abs(turn);  // cos of the turn is the sine of this
     const float square = up * up;
     float p = -0x1.1e752p+6f;
     p = p * square + 0x1.45a272p+6f;
     p = p * square + -0x1.4ab6cep+5f;
     p = p * square + 0x1.921fa2p+2f;
-    return std::sqrt(2.0f * minus_ln(bits)) * (p * up);
+    return static_cast<double>(std::sqrt(2.0f * minus_ln(bits)) * (p * up));
   }
-  double polarity(int64_t us) const { return uniform(hash(key, counter(us) + 2)); }
 
  private:
-  static float minus_ln(uint64_t bits) {
-    const float drawn = ln(static_cast<float>((bits >> 40) + 1) * 0x1p-24f);
-    return drawn < 0.0f ? -drawn : 0.0f;
+  EVS_ALWAYS_INLINE static float minus_ln(uint64_t bits) {
+    const uint32_t high = static_cast<uint32_t>(bits >> 40);
+    const float drawn = ln(static_cast<float>(static_cast<int32_t>(high + 1)) * 0x1p-24f);
+    return select(drawn < 0.0f, -drawn, 0.0f);
   }
   uint64_t counter(int64_t us) const {
     return static_cast<uint64_t>(us) << 8 | (us == last_us ? repeat << 2 : 0);

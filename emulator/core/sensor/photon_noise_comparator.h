@@ -37,9 +37,16 @@ struct NoisyComparators {
   bool up = false;         // which level is reached in the step
   double used = 0.0;       // of its hazard, where it is reached
   bool is_blind = false;   // for the rest of the tick
+  // After an event, at `now`: when its refractory period ends, or the tick before it, us after the
+  // start of the tick; whether the noise is sampled then; and the counters of its random numbers
+  double over = 0.0;
+  bool samples = false;
+  uint64_t normal_counter = 0;
+  uint64_t budget_counter = 0;
 
-  // What comes after a step: another one, finding the place of an event, or nothing.
-  enum class Next { STEP, PLACE, DONE };
+  // What comes after a step: another one, finding the place of an event, what the event leaves of
+  // the noise, or nothing.
+  enum class Next { STEP, PLACE, EVENT, DONE };
 
   // Begin the tick. Candidates, of which this pixel's first is at `first_shot` us, or the end of
   // the tick, are left to the caller. Out: whether steps are left before it.
@@ -70,6 +77,7 @@ struct NoisyComparators {
       if (outcome.fired) {
         const Cause cause = outcome.leaked ? pixel.drift_cause : Cause::SHOT;
         fire(out, now, outcome.up, cause);
+        recover();
       }
     }
     return go_on(first_shot);
@@ -96,6 +104,14 @@ struct NoisyComparators {
     }
     restart(stamp);
     start_refractory(stamp);
+    end_refractory();
+  }
+
+  // What comes after an event whose noise NoisySteps has worked out.
+  Next go_on_after_event() {
+    now = over;
+    end = until_;
+    return !is_blind && now < until_ ? Next::STEP : Next::DONE;
   }
 
   // The end of the tick.
@@ -175,10 +191,9 @@ struct NoisyComparators {
   }
 
   void forget(double us) {
-    const double kept = memory_kept(band.decay, us);
-    memory *= kept;
-    mean *= kept;
-    if (memory < FORGOTTEN) memory = mean = 0.0;
+    const NoiseMemory left = evs::forget({memory, mean}, band.decay, us);
+    memory = left.memory;
+    mean = left.mean;
   }
 
   // From here on the noise is known.
@@ -219,29 +234,37 @@ struct NoisyComparators {
         {pixel.pixel, (stamp << TAG_BITS) | (static_cast<uint32_t>(cause) << 1) | (up ? 1u : 0u)});
   }
 
-  // Start the refractory period.
+  // Start the refractory period after an event; it may be none.
   void start_refractory(uint32_t stamp) {
-    if (pixel.refractory == 0) return;
-    const int64_t over = static_cast<int64_t>(stamp) + pixel.refractory;
-    if (over > pixel.tick) {
-      pixel.blind_until = pixel.begin_us + over;
+    const bool any = pixel.refractory > 0;
+    const int64_t until = static_cast<int64_t>(stamp) + pixel.refractory;
+    is_blind = any && until > pixel.tick;
+    samples = any && !is_blind;
+    over = samples ? static_cast<double>(until) : is_blind ? length_ : now;
+    if (is_blind) {
+      pixel.blind_until = pixel.begin_us + until;
       pixel.reference = std::numeric_limits<double>::quiet_NaN();
-      forget(length_ - now);
-      is_blind = true;
-      return;
     }
-    forget(static_cast<double>(over) - now);
-    restart(over);
+  }
+
+  // The refractory period passes.
+  void end_refractory() {
+    forget(over - now);
+    if (samples) restart(static_cast<int64_t>(over));
   }
 
   Next fire_in_step(double share, Cause cause, std::vector<Crossing>& out) {
-    fire(out, now + share * (end - now), up, cause);
-    end = until_;
-    return !is_blind && now < until_ ? Next::STEP : Next::DONE;
+    const uint32_t stamp = fire(out, now + share * (end - now), up, cause);
+    if (!is_blind) {
+      const int64_t us = pixel.begin_us + (samples ? static_cast<int64_t>(over) : stamp);
+      normal_counter = draws.normal_at(us);
+      budget_counter = draws.next_budget(us);
+    }
+    return Next::EVENT;
   }
 
-  // An event at `us`, after which the reference is the level.
-  void fire(std::vector<Crossing>& out, double us, bool up, Cause cause) {
+  // An event at `us`, after which the reference is the level. Out: its stamp.
+  uint32_t fire(std::vector<Crossing>& out, double us, bool up, Cause cause) {
     const double rounded = std::ceil(us);
     const double late = rounded > last_ ? rounded : last_;
     const uint32_t stamp = static_cast<uint32_t>(late < length_ ? late : length_);
@@ -249,13 +272,17 @@ struct NoisyComparators {
     reference += up ? pixel.theta_on : -pixel.theta_off;
     // noise fires once a us
     const double at = cause != Cause::SHOT ? us : rounded > now ? rounded : std::floor(now) + 1.0;
-    go_to(at < length_ ? at : length_);
+    now = at < length_ ? at : length_;
+    start_refractory(stamp);
+    return stamp;
+  }
+
+  // What an event leaves of the noise, of one pixel; NoisySteps has it for many.
+  void recover() {
+    go_to(now);
     know(reference - signal);
-    if (pixel.refractory > 0) {
-      start_refractory(stamp);
-    } else {
-      budget = draws.renew(pixel.begin_us + stamp);
-    }
+    end_refractory();
+    if (pixel.refractory == 0) budget = draws.renew(pixel.begin_us + last_);
   }
 
   // How much of a long step to step first, us: until the noise has lost its memory, then, where an

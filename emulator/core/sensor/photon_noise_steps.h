@@ -46,8 +46,8 @@ struct NoisySteps {
   alignas(64) double x1[2][ROOM];
   alignas(64) double random[2][ROOM];
   alignas(64) double moving[2][ROOM];
-  // Of pixels with an event, In: which level is reached, one that nears the mean of the noise, and
-  // how much of its hazard is used
+  // Of pixels that reach a level, In: which one, which nears the mean of the noise, and how much
+  // of its hazard is used
   alignas(64) uint64_t up[ROOM];
   alignas(64) double used[ROOM];
   // Out: where the level is then, deviations; whether the noise reached it, not the way of the
@@ -55,7 +55,16 @@ struct NoisySteps {
   alignas(64) double place[ROOM];
   alignas(64) uint64_t by_noise[ROOM];
   alignas(64) double share[ROOM];
+  // Of pixels with an event, In: as NoisyComparators has it
+  alignas(64) double over[ROOM];
+  alignas(64) uint64_t samples[ROOM];
+  alignas(64) uint64_t key[ROOM];
+  alignas(64) uint64_t normal_counter[ROOM];
+  alignas(64) uint64_t budget_counter[ROOM];
+  // Out: what it leaves; `mean`, `memory`, `signal` and `reference` are overwritten
+  alignas(64) double budget[ROOM];
   // scratch
+  NoisyComparators* places[ROOM];
   NoisyComparators* events[ROOM];
   alignas(64) uint64_t searching[ROOM];
   alignas(64) double lost[ROOM];      // loss where the level comes from
@@ -82,9 +91,12 @@ struct NoisySteps {
       unknown = 0;
       size_t left = 0;
       size_t found = 0;
+      size_t fired = 0;
       auto sort_in = [&](NoisyComparators* p, NoisyComparators::Next next) {
         if (next == NoisyComparators::Next::PLACE) {
-          events[found++] = p;
+          places[found++] = p;
+        } else if (next == NoisyComparators::Next::EVENT) {
+          events[fired++] = p;
         } else if (next == NoisyComparators::Next::STEP) {
           pixels[left++] = p;
         } else {
@@ -96,11 +108,17 @@ struct NoisySteps {
         if (!p->has_step) p->step = get(unknown++);
         sort_in(p, p->take_step(out));
       }
-      for (size_t i = 0; i < found; i++) put_event(i, *events[i]);
+      for (size_t i = 0; i < found; i++) put_place(i, *places[i]);
       find_places(found);
       find_shares(found);
       for (size_t i = 0; i < found; i++) {
-        sort_in(events[i], events[i]->arrive(share[i], by_noise[i] != 0, out));
+        sort_in(places[i], places[i]->arrive(share[i], by_noise[i] != 0, out));
+      }
+      for (size_t i = 0; i < fired; i++) put_event(i, *events[i]);
+      recover(fired);
+      for (size_t i = 0; i < fired; i++) {
+        get_event(i, *events[i]);
+        sort_in(events[i], events[i]->go_on_after_event());
       }
       count = left;
     }
@@ -142,7 +160,7 @@ struct NoisySteps {
   }
 
   // In: a pixel with an event in the step that it has.
-  EVS_ALWAYS_INLINE void put_event(size_t i, const NoisyComparators& p) {
+  EVS_ALWAYS_INLINE void put_place(size_t i, const NoisyComparators& p) {
     put(i, p);
     memory1[i] = p.step.memory1;
     mean1[i] = p.step.mean1;
@@ -155,14 +173,33 @@ struct NoisySteps {
     used[i] = p.used;
   }
 
+  // In: a pixel that has just fired.
+  EVS_ALWAYS_INLINE void put_event(size_t i, const NoisyComparators& p) {
+    put(i, p);
+    over[i] = p.over;
+    samples[i] = p.samples ? 1 : 0;
+    key[i] = p.draws.key;
+    normal_counter[i] = p.normal_counter;
+    budget_counter[i] = p.budget_counter;
+  }
+
+  EVS_ALWAYS_INLINE void get_event(size_t i, NoisyComparators& p) const {
+    p.signal = signal[i];
+    p.reference = reference[i];
+    p.mean = mean[i];
+    p.memory = memory[i];
+    if (!p.is_blind) p.budget = budget[i];
+  }
+
+  EVS_ALWAYS_INLINE double signal_at(size_t i, double us) const {
+    const double u = us / tick[i];
+    const double bent = response_of(i, 0.0).template bent<false>(u);
+    return from[i] + select((bends[i] != 0) & (u < 1.0), bent, moves[i] * u);
+  }
+
   // What pixels come to by the end of their steps.
   EVS_ALWAYS_INLINE void compute(size_t count) {
-    for (size_t i = 0; i < count; i++) {
-      const double u = end[i] / tick[i];
-      const Response response = response_of(i, 0.0);
-      const double bent = response.bent<false>(u);
-      signal1[i] = from[i] + select((bends[i] != 0) & (u < 1.0), bent, moves[i] * u);
-    }
+    for (size_t i = 0; i < count; i++) signal1[i] = signal_at(i, end[i]);
     for (size_t i = 0; i < count; i++) {
       const double dt = end[i] - now[i];
       const double kept = memory_kept(decay[i], dt);
@@ -304,6 +341,28 @@ struct NoisySteps {
       const double part = (end[i] - now[i]) / tick[i];
       const double at = share_of_all((reached[i] - begin[i]) / part);
       share[i] = select(bent[i] != 0, at, share[i]);
+    }
+  }
+
+  // What events leave: the noise is known, and sampled again after the refractory period.
+  EVS_ALWAYS_INLINE void recover(size_t count) {
+    for (size_t i = 0; i < count; i++) {
+      signal[i] = signal_at(i, now[i]);
+      signal1[i] = signal_at(i, over[i]);
+    }
+    for (size_t i = 0; i < count; i++) {
+      budget[i] = NoiseDraws::budget_of(hash(key[i], budget_counter[i]));
+      random[0][i] = NoiseDraws::normal_of(hash(key[i], normal_counter[i]));
+    }
+    for (size_t i = 0; i < count; i++) {
+      const double level = reference[i];
+      const NoiseMemory left = forget({1.0, level - signal[i]}, decay[i], over[i] - now[i]);
+      const double value = left.mean + sigma[i] * unknown_share(left.memory) * random[0][i];
+      const bool sampled = samples[i] != 0;
+      reference[i] = select(sampled, on_grid(signal1[i] + value), level);
+      mean[i] = select(sampled, value, left.mean);
+      memory[i] = select(sampled, 1.0, left.memory);
+      signal[i] = select(sampled, signal1[i], signal[i]);
     }
   }
 
