@@ -234,11 +234,6 @@ EVS_ALWAYS_INLINE Real unknown_share(Real memory) {
   return std::sqrt((Real(1) - memory) * (Real(1) + memory));
 }
 
-// How much of its memory the noise keeps for so many us.
-EVS_ALWAYS_INLINE double memory_kept(double decay, double us) {
-  return 1.0 - static_cast<double>(lowpass_a(static_cast<float>(decay * us)));
-}
-
 // What is known of the noise.
 struct NoiseMemory {
   double memory;
@@ -247,7 +242,7 @@ struct NoiseMemory {
 
 // The same so many us later.
 EVS_ALWAYS_INLINE NoiseMemory forget(NoiseMemory known, double decay, double us) {
-  const double kept = memory_kept(decay, us);
+  const double kept = 1.0 - static_cast<double>(lowpass_a(static_cast<float>(decay * us)));
   const double memory = known.memory * kept;
   const bool forgotten = memory < FORGOTTEN;
   return {select(forgotten, 0.0, memory), select(forgotten, 0.0, known.mean * kept)};

@@ -202,12 +202,10 @@ struct NoisySteps {
     for (size_t i = 0; i < count; i++) signal1[i] = signal_at(i, end[i]);
     for (size_t i = 0; i < count; i++) {
       const double dt = end[i] - now[i];
-      const double kept = memory_kept(decay[i], dt);
-      const double rest = memory[i] * kept;
-      const double known = select(rest < FORGOTTEN, 0.0, rest);
-      memory1[i] = known;
-      mean1[i] = select(known > 0.0, mean[i] * kept, 0.0);
-      passages[i] = slow[i] * dt / (1.0 - known * known + 0x1p-40);
+      const NoiseMemory left = forget({memory[i], mean[i]}, decay[i], dt);
+      memory1[i] = left.memory;
+      mean1[i] = left.mean;
+      passages[i] = slow[i] * dt / (1.0 - left.memory * left.memory + 0x1p-40);
     }
     for (size_t i = 0; i < count; i++) {
       const double scale0 = 1.0 / (sigma[i] * unknown_share(memory[i]) + 1e-12);
