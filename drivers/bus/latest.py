@@ -1,8 +1,7 @@
 """The newest state of a bus, on a port of its own: slow clients read the newest state, too.
 
-ZeroMQ's CONFLATE keeps one message a connection, the newest, at both ends. One that arrives in
-the instant when an older one is read is lost (one in 600 of those sent without a pause); the next
-state replaces it.
+ZeroMQ's CONFLATE keeps one message a connection, the newest, at both ends. One that is written in
+the instant when the one before is read is lost; the next replaces it.
 """
 
 from __future__ import annotations

@@ -417,10 +417,11 @@ class Publisher(Sink):
         """
         deadline_s = monotonic_s() + self._linger_s
         self._read_requests(server)
-        # twice: a client that reads the last state meanwhile may miss one, see `Latest`
-        for _ in range(2 * self._ports.watched):
-            self._ports.publish_state(end=True)
-            self._ports.poll(_REPEAT_MS)
+        if self._ports.watched:
+            # no state follows, and ZeroMQ may lose one (latest.py)
+            for _ in range(2):
+                self._ports.publish_state(end=True)
+                self._ports.poll(_REPEAT_MS)
         while self._audience.anybody:
             for channel in self._audience.channels.values():
                 self._send_status(server, channel, end=True)

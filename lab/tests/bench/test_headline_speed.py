@@ -1,6 +1,6 @@
 """The headline, end to end: robots that move, bus and recorder on, in real time or not.
 
-Each run is a process, `evs emulate --record --publish`, with one subscriber in another, or none.
+Each run is a process, `evs emulate --record --publish`, with one subscriber in another.
 Rounds go through all rows in turns, each beside a yardstick in the same round: MuJoCo's own rays
 through the same pixels. What is told of a run is its report's: from the first tick to the last
 packet's end.
@@ -33,7 +33,7 @@ print(sum(len(packet.events) for packet in subscribe(sys.argv[1])))
 MOVING = ("scene.camera=side",)
 """Beside the robot, at a fixed distance from its centre of mass."""
 TRACK = ("scene.camera=track",)
-"""The same in gymnasium, where more of the view moves and fires."""
+"""The same of gymnasium's robots, in whose views more pixels fire."""
 STILL = ("camera.lookat=[0,0,0.9]", "camera.distance=3")
 LARGE = ("sensor.width=640", "sensor.height=360")
 
@@ -130,6 +130,7 @@ def run(row: Row, scene: Path, folder: Path, isa: str) -> dict[str, float]:
     return {
         "real-time factor": found["real_time_factor"],
         "traced": found["traced_fraction"],
+        "events per tick": found["events"] / found["ticks"],
         **stages,
     }
 

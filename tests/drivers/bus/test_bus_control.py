@@ -218,8 +218,10 @@ def test_the_last_state_is_sent_twice() -> None:
     """ZeroMQ may lose one that comes while the one before is read."""
     sender = Publisher(ANY, control=ANY, linger_s=0.1)
     sender.open(STREAMS)
+    deadline_s = monotonic_s() + 30
     with Latest(sender.latest_address):
         while not sender.wants_pose("left"):
+            assert monotonic_s() < deadline_s
             sleep_s(0.01)
         assert sender.close()["states_sent"] == 2
 
