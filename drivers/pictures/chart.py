@@ -144,10 +144,10 @@ def draw_charts(
         figure.get_layout_engine().set(w_pad=0.12, h_pad=0.1, rect=(0, 0, 1, 1 - top / height))
         figure.text(16 / width, 1 - 26 / height, heading, fontsize=19, va="center")
         figure.text(16 / width, 1 - 55 / height, about, fontsize=11, va="center")
-        panels = figure.subplots(rows, columns, squeeze=False).flat
+        panels = list(figure.subplots(rows, columns, squeeze=False).flat)
         for axes, chart in zip(panels, charts, strict=False):
             _draw(plot, axes, chart)
-        for axes in list(panels)[len(charts) :]:
+        for axes in panels[len(charts) :]:
             axes.remove()
         if finish is not None:
             figure.draw_without_rendering()
