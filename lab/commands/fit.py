@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
     from evs.emulator.sensor import resolve_sensor
     from evs.launch.support import terminal
     from evs_lab.fit import CANNOT, fit_camera, sensor_toml
-    from evs_lab.fit.picture import fit_page
+    from evs_lab.fit.picture import page
 
     output = _ending(args.output, "-o", ".toml")
     picture = None if args.picture is None else Path(args.picture)
@@ -104,7 +104,9 @@ def run(args: argparse.Namespace) -> int:
     pairs = _replays(fitted, toml) if shown or picture is not None else []
     if picture is not None:
         name = "fitted sensor" if output is None else output.stem
-        write_png(picture, fit_page(pairs, name), few_colours=True)
+        heading = f"{name}: recordings (points), and the fitted sensor (lines)"
+        beside = [(one.seen, replay, "the fitted sensor") for one, replay in pairs]
+        write_png(picture, page(beside, heading), few_colours=True)
     text = json.dumps([one.plain() for one in fitted.estimates], indent=2, allow_nan=False)
     if numbers is not None:
         write_whole(text + "\n", numbers)

@@ -33,7 +33,7 @@ class Light:
     kind: str = "any"
     """dark: lens cap | still: no change | lamp: blinks | ramp: ln light is a triangle | any"""
     lux: float | None = None
-    """illuminance of the sensor; of a lamp, while it is bright"""
+    """illuminance of the sensor; of a lamp, while it is bright; of frames, in their white"""
     contrast: float | None = None
     """of lamp and ramp: brightest light over darkest"""
     period_s: float | None = None

@@ -11,7 +11,7 @@ are random effects here, whose variance is the mismatch.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -199,27 +199,64 @@ def fit_frames(
         three.append(one)
     best = three[0]
     shift = 0.5 * np.abs(three[1].beta[:3] - three[2].beta[:3])
+    if not best.beta[:2].min() > 0.0:
+        return refuse("frames and events disagree")
     note = f"dark level of the frames {dark:.0f} of 255"
-    uneven = best.sigma[0] / max(float(best.beta[:2].min()), 1e-3)
-    most = fit.blind_share * blind_s[1]
-    thresholds = []
-    for k in (0, 1):
-        # counts with noise of their own dilute the regression
-        value = float(best.beta[k]) * (1.0 + best.diluted)
-        rough = math.hypot(ROUGH, 0.7 * best.diluted, 0.5 * uneven * uneven, most)
-        error = math.hypot(float(best.error[k]), float(shift[k]), rough * value)
-        if not value > 0.0:
-            return refuse("frames and events disagree")
-        one_found = Estimate(keys[k], value, error, seen.source, note=note).checked(0.3)
-        thresholds.append(one_found)
-    relative = max(one.error / one.number if one.told else 0.3 for one in thresholds)
-    spread = _spread(seen, best, relative)
+    thresholds = _thresholds(best, shift, fit.blind_share * blind_s[1])
+    thresholds = [replace(one, source=seen.source, note=note).checked(0.3) for one in thresholds]
     leak = _still_leak(seen, light, dark, float(best.beta[:2].min()))
     if leak is None:
         leak = _moving_leak(seen, best)
     if not all(one.told for one in thresholds):
         spread = cannot(keys[2], seen.source, "the thresholds cannot be told")
+        return (*thresholds, spread, leak), dark
+    if leak.told:
+        thresholds = _balanced(thresholds, leak, fit.totals(dark), best)
+    spread = _spread(seen, best, max(one.error / one.number for one in thresholds))
     return (*thresholds, spread, leak), dark
+
+
+def _thresholds(best: _Solution, shift: F64, blind: float) -> list[Estimate]:
+    """Both thresholds; their change with the dark level, and error by the time of blindness."""
+    found = []
+    uneven = best.sigma[0] / max(float(best.beta[:2].min()), 1e-3)
+    # counts with noise of their own dilute the regression
+    rough = math.hypot(ROUGH, 0.7 * best.diluted, 0.5 * uneven * uneven, blind)
+    for k in (0, 1):
+        value = float(best.beta[k]) * (1.0 + best.diluted)
+        error = math.hypot(float(best.error[k]), float(shift[k]), rough * value)
+        found.append(Estimate(KEYS[k], value, error))
+    return found
+
+
+def _balanced(
+    thresholds: list[Estimate], leak: Estimate, totals: _Totals, best: _Solution
+) -> list[Estimate]:
+    """The thresholds with the ratio by which all ON and all OFF events match light and leak.
+
+    Windows tell the size of the thresholds, but each has few events; the totals tell the ratio. The
+    errors stay: most of them is common to both thresholds.
+    """
+    on, off = thresholds
+    light = totals.change + on.number * leak.number * totals.seconds
+    least = min(on.number * totals.ons, off.number * totals.offs)
+    if least <= abs(light):
+        return thresholds
+    relative = [one.error / one.number for one in thresholds]
+    both = relative[0] ** 2 + relative[1] ** 2
+    noise = math.hypot(
+        best.sigma[0] * math.sqrt(totals.squares),
+        0.5 * on.number * math.sqrt(totals.pixels),
+        on.number * leak.error * totals.seconds,
+        max(relative) * light,
+    )
+    trust = both / (both + ROUGH**2 + (noise / least) ** 2)
+    # by how much off / on has to grow
+    shift = trust * math.log((on.number * totals.ons - light) / (off.number * totals.offs))
+    return [
+        replace(on, value=on.number * math.exp(-shift * relative[0] ** 2 / both)),
+        replace(off, value=off.number * math.exp(shift * relative[1] ** 2 / both)),
+    ]
 
 
 def _spread(seen: Observed, best: _Solution, relative: float) -> Estimate:
@@ -272,6 +309,21 @@ def _still_leak(seen: Observed, light: FrameLight, dark: float, theta: float) ->
         most = noise / math.log1p(noise / most) if noise > 0.0 else most
         return Estimate(LEAK, 0.0, most, seen.source, note=f"no leak shows, {note}")
     return Estimate(LEAK, value, error, seen.source, note=note)
+
+
+@dataclass(frozen=True)
+class _Totals:
+    """Of all pixels, from the first frame that shows their light to the last."""
+
+    ons: float
+    offs: float
+    """charges of ON and of OFF events"""
+    change: float
+    """of ln light"""
+    seconds: float
+    squares: float
+    """sum over pixels of the squared charges of both polarities"""
+    pixels: int
 
 
 class _Fit:
@@ -341,6 +393,33 @@ class _Fit:
         x = np.stack([ons, -offs, -duration, slopes, inverse], axis=1)
         z = np.stack([ons, -offs, -duration, slopes, -charge / middle], axis=1)
         return _padded(of[first], first, level[last] - level[first], x, z)
+
+    def totals(self, dark: float) -> _Totals:
+        """What ON and OFF events have to balance, for a dark level of the frames."""
+        over = self._dn - dark
+        good = (over >= LEAST) & (self._dn <= BRIGHTEST * WHITE)
+        # means of two frames have less noise
+        good, logs = good[1:] & good[:-1], np.log(np.maximum(0.5 * (over[1:] + over[:-1]), 1.0))
+        middle = 0.5 * (self._mid[1:] + self._mid[:-1])
+        first, last = good.argmax(axis=0), len(good) - 1 - good[::-1].argmax(axis=0)
+        chosen = np.flatnonzero(good.any(axis=0) & (last > first))
+        begin, end = middle[first], middle[last]
+        inside = (self._t_us > begin[self._pixel]) & (self._t_us <= end[self._pixel])
+        pixels = self._dn.shape[1]
+        sums = [
+            np.bincount(self._pixel[inside], np.diff(of, prepend=0.0)[inside], minlength=pixels)
+            for of in (self._on, self._off)
+        ]
+        ons, offs = (each[chosen] for each in sums)
+        change = logs[last[chosen], chosen] - logs[first[chosen], chosen]
+        return _Totals(
+            float(ons.sum()),
+            float(offs.sum()),
+            float(change.sum()),
+            1e-6 * float((end - begin)[chosen].sum()),
+            float((ons**2 + offs**2).sum()),
+            len(chosen),
+        )
 
     def solved(self, of: _Windows, columns: int, before: _Solution | None) -> _Solution | None:
         """Generalised least squares with thresholds of each pixel as random effects."""

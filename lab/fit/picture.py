@@ -1,40 +1,41 @@
-"""A page that shows each recording beside the same light on the fitted sensor."""
+"""A page that shows each recording beside another, or the same light on a sensor."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from evs.drivers.pictures.chart import RGB, Chart, Scale, Series, draw_charts
 from evs.msgs.pictures import OFF_RGB, ON_RGB, PAPER, U8
-from evs_lab.fit.camera import Light
 from evs_lab.fit.observed import F64, Observed
 
 CHART_PX = (500, 380)
 PALE = 0.5
-"""how far the recording's colour is from paper, beside the fitted sensor's"""
+"""how far the colour of the lines is from that of the points, towards paper"""
 
 PAIRS = ((True, True), (False, False), (True, False), (False, True))
 PAIR_RGB: tuple[RGB, ...] = (ON_RGB, OFF_RGB, (150, 80, 190), (225, 130, 0))
 
 
-def fit_page(pairs: list[tuple[Light, Observed | None]], name: str) -> U8:
-    """(height, width, 3): intervals, rates of pixels and maps; a row for each recording.
+def page(pairs: Sequence[tuple[Observed, Observed | None, str]], heading: str) -> U8:
+    """(height, width, 3): intervals, rates of pixels and maps; a row for each pair.
 
     Args:
-        pairs: A recording, and the fitted sensor in the same light (None: it is not known).
-        name: Of the fitted sensor.
+        pairs: A recording (points), what is compared with it (lines; None: it is not known), and
+            the name of that.
+        heading: Of the page.
     """
     charts = [
         chart
-        for light, fitted in pairs
+        for seen, beside, name in pairs
         for chart in (
-            _intervals(light.seen, fitted),
-            _rates(light.seen, fitted),
-            _map(light.seen, light.seen, light.seen.source),
-            _map(fitted, light.seen, "the fitted sensor"),
+            _intervals(seen, beside),
+            _rates(seen, beside, name),
+            event_map(seen, seen, seen.source),
+            event_map(beside, seen, name),
         )
     ]
-    heading = f"{name}: recordings (points), and the fitted sensor (lines)"
     return draw_charts(charts, 4, CHART_PX, heading)
 
 
@@ -43,13 +44,13 @@ def _pale(colour: RGB) -> RGB:
     return r, g, b
 
 
-def _intervals(seen: Observed, fitted: Observed | None) -> Chart:
+def _intervals(seen: Observed, beside: Observed | None) -> Chart:
     """Density of the intervals between events of a pixel, by their polarities."""
     edges = np.geomspace(1.0, 1e8, 65)
     series, tops = [], [1e-6]
     for (before, after), colour in zip(PAIRS, PAIR_RGB, strict=True):
         words = f"{'ON' if before else 'OFF'} to {'ON' if after else 'OFF'}"
-        for one, line in ((fitted, True), (seen, False)):
+        for one, line in ((beside, True), (seen, False)):
             if one is None:
                 continue
             every = one.intervals
@@ -71,35 +72,35 @@ def _intervals(seen: Observed, fitted: Observed | None) -> Chart:
                  empty="" if len(series) else "no intervals")  # fmt: skip
 
 
-def _rates(seen: Observed, fitted: Observed | None) -> Chart:
+def _rates(seen: Observed, beside: Observed | None, name: str) -> Chart:
     """Share of the pixels over a rate, ON and OFF."""
     series = []
     highest = 1.0
-    for name, colour in (("on_counts", ON_RGB), ("off_counts", OFF_RGB)):
-        for one, line in ((fitted, True), (seen, False)):
+    for key, colour in (("on_counts", ON_RGB), ("off_counts", OFF_RGB)):
+        for one, line in ((beside, True), (seen, False)):
             if one is None:
                 continue
-            rates: F64 = np.sort(getattr(one, name) / one.seconds)
+            rates: F64 = np.sort(getattr(one, key) / one.seconds)
             silent = int(np.count_nonzero(rates == 0.0))
             if silent == len(rates):
                 continue
             places = np.unique(np.linspace(silent, len(rates) - 1, 40).round().astype(np.int64))
             share = 100.0 * (1.0 - places / len(rates))
             highest = max(highest, float(rates[-1]))
-            words = "" if line else f"{name[: name.index('_')].upper()} {rates.mean():.3g} Hz"
+            words = "" if line else f"{key[: key.index('_')].upper()} {rates.mean():.3g} Hz"
             values = rates[places]
             series.append(Series(values.tolist(), share.tolist(), _pale(colour) if line else colour,
                                  words, line=line))  # fmt: skip
-    if fitted is not None:
-        on, off = (float(c.mean()) / fitted.seconds for c in (fitted.on_counts, fitted.off_counts))
-        label = f"rate; the fitted sensor: ON {on:.3g} Hz, OFF {off:.3g} Hz"
+    if beside is not None:
+        on, off = (float(c.mean()) / beside.seconds for c in (beside.on_counts, beside.off_counts))
+        label = f"rate; {name}: ON {on:.3g} Hz, OFF {off:.3g} Hz"
     else:
         label = "rate"
     axis = Scale(0.7 / seen.seconds, 1.3 * highest, True, "Hz")
     return Chart("Pixels with more than a rate, %", axis, Scale(0.0, 105.0), label, series)
 
 
-def _map(one: Observed | None, scale: Observed, title: str) -> Chart:
+def event_map(one: Observed | None, scale: Observed, title: str) -> Chart:
     """Events of each pixel, dark for many, by the recording's own scale."""
     nothing = Scale(0.0, 1.0)
     if one is None:

@@ -10,10 +10,12 @@ import numpy as np
 
 from evs.emulator.base.scene import F32
 from evs.emulator.config import SensorConfig
+from evs.emulator.sensor import SensorParameters
 from evs.emulator.simulation.pixels import Pixels
 from evs.msgs import EvsError
 from evs_lab.fit.camera import Light
-from evs_lab.fit.frames import FEWEST_PIXELS, WHITE, frame_light, standing
+from evs_lab.fit.film import Film
+from evs_lab.fit.frames import WHITE, frame_light
 from evs_lab.fit.observed import Observed
 
 STEPS = 16
@@ -30,15 +32,17 @@ MOST_S = 300.0
 BLINK_US = (50, 1.3)
 """the first frame after a flank, and by what factor the next ones follow later"""
 
-NOISY, FAR = 1.5, 6.0
-"""deviation of a pixel in frames and its farthest frame, in deviations of the frames' noise"""
-
 DIM_LUX = 100.0
 """of a lamp or a scene whose light is not known"""
+
+ELECTRON_C = 1.602e-19
 
 
 def replayed(light: Light, sensor: str | SensorConfig, seed: int = 0) -> Observed | None:
     """The events of the sensor in this light, for as long as the recording.
+
+    Their times count from the beginning of the light, which is the middle of the first exposure if
+    it comes from frames.
 
     None: the light is not known, or the recording is longer than MOST_S.
 
@@ -56,27 +60,45 @@ def replayed(light: Light, sensor: str | SensorConfig, seed: int = 0) -> Observe
     pixels = Pixels(config, size=size, unit="lux", seed=seed)
     shape = size[::-1]
     parts = []
-    theta = min(pixels.sensor.pos_thres, pixels.sensor.neg_thres)
-    for lux, t_us, counts in _frames(light, theta):
+    begin_us = 0
+    for lux, t_us, counts in _frames(light, pixels.sensor):
         frame = np.broadcast_to(np.asarray(lux, np.float32), shape)
         events = pixels.observe(frame, t_us)
         if counts:
             parts.append(events)
+        else:
+            begin_us = t_us
     parts.append(pixels.finish())
     events = np.concatenate(parts)
-    if len(events):
+    events["t"] -= begin_us
+    if light.kind != "any":
         # whole periods may be longer than the recording
-        events = events[events["t"] <= events["t"][0] + round(1e6 * light.seen.seconds)]
+        events = events[events["t"] <= round(1e6 * light.seen.seconds)]
     try:
         return Observed(events, *size, source=f"{sensor}")
     except EvsError:
         return None
 
 
-def _frames(light: Light, theta: float) -> Iterator[tuple[float | F32, int, bool]]:
+def white_lux(seen: Observed, sensor: SensorParameters) -> float:
+    """Illuminance of white in the frames, lux: what fills the sensor's wells in the exposure.
+
+    A sensor without a photocurrent or wells has its bright_lux there, as v2e has for 255 DN.
+
+    Args:
+        seen: A recording with frames.
+        sensor: The camera.
+    """
+    exposures_us = [one.exposure_end_us - one.exposure_begin_us for one in seen.frames]
+    charge_c = 1e-6 * float(np.median(exposures_us)) * 1e-12 * sensor.photocurrent_pa
+    full_c = sensor.aps.full_well_e * ELECTRON_C
+    return 1000.0 * full_c / charge_c if full_c * charge_c > 0.0 else sensor.bright_lux
+
+
+def _frames(light: Light, sensor: SensorParameters) -> Iterator[tuple[float | F32, int, bool]]:
     """(lux, time, whether its events count)."""
     if light.kind == "any":
-        yield from _recorded(light, theta)
+        yield from _recorded(light, sensor)
         return
     seconds = light.seen.seconds
     if light.kind in ("dark", "still"):
@@ -109,34 +131,21 @@ def _half(kind: str, half_us: float) -> Iterator[tuple[float, float]]:
         late *= BLINK_US[1]
 
 
-def _recorded(light: Light, theta: float) -> Iterator[tuple[F32, int, bool]]:
+def _recorded(light: Light, sensor: SensorParameters) -> Iterator[tuple[F32, int, bool]]:
     """The frames of the recording itself, as light."""
     seen, frames = light.seen, frame_light(light.seen)
     if len(frames.mid_us) < 2:
         return
-    _without_noise(frames.dn, light.dark_dn, theta)
-    # half a step of the converter: black has no logarithm
-    over = np.maximum(frames.dn - light.dark_dn, 0.0) + 0.5
-    lux = (over * (DIM_LUX / (WHITE - light.dark_dn))).reshape(-1, seen.height, seen.width)
-    late_us = (frames.mid_us - frames.mid_us[0]).round().astype(np.int64)
+    theta = min(sensor.pos_thres, sensor.neg_thres)
+    film = Film(frames, (seen.height, seen.width), light.dark_dn, theta)
+    scale = (light.lux or white_lux(seen, sensor)) / (WHITE - light.dark_dn)
+    t_us = film.t_us.astype(np.int64)
     # backwards first: the pixels begin as such a scene leaves them
-    warm = int(np.searchsorted(late_us, 1e6 * WARM_S))
-    for one, t_us in zip(lux[1:warm][::-1], late_us[1:warm][::-1], strict=True):
-        yield one, int(late_us[warm - 1] - t_us), False
-    for one, t_us in zip(lux, late_us, strict=True):
-        yield one, int(late_us[warm - 1] + t_us), t_us > 0
-
-
-def _without_noise(dn: F32, dark: float, theta: float) -> None:
-    """Give pixels in which nothing but the noise of the frames moves their mean."""
-    still = standing(dn, dark, theta)
-    if still.sum() >= FEWEST_PIXELS:
-        # the logarithm of dark pixels moves more
-        deviation = dn.std(axis=0)
-        noise = float(np.median(deviation[still]))
-        most = np.abs(dn - dn.mean(axis=0)).max(axis=0)
-        still |= (deviation < NOISY * noise) & (most < FAR * noise)
-        dn[:, still] = dn[:, still].mean(axis=0)
+    warm = max(int(np.searchsorted(t_us, 1e6 * WARM_S)), 2)
+    for k in range(warm - 1, 0, -1):
+        yield film[k] * scale, int(t_us[warm - 1] - t_us[k]), False
+    for k in range(len(film)):
+        yield film[k] * scale, int(t_us[warm - 1] + t_us[k]), k > 0
 
 
 def cut_to_frames(light: Light) -> Light:

@@ -44,6 +44,7 @@ DOORS = {
     "websockets": ("drivers/viewer/web/server.py",),
     "foxglove": ("drivers/viewer/foxglove_drawing.py",),
     "matplotlib": ("drivers/pictures/chart.py",),
+    "cv2": ("lab/fit/film.py",),
     "pyrender": ("emulator/render/raster/",),
     "OpenGL": ("emulator/render/raster/",),
     "cuda": ("emulator/base/gpu/driver.py",),
@@ -237,14 +238,18 @@ def test_every_library_behind_a_door_is_a_declared_requirement(checkout: Path) -
     )
     extras = project["optional-dependencies"]
     declared = project["dependencies"] + [r for name in EXTRAS for r in extras[name]]
-    declared += lab["optional-dependencies"]["train"]
+    declared += lab["dependencies"][1:] + lab["optional-dependencies"]["train"]
     names = {re.split(r"[^\w-]", requirement)[0].replace("-", "_") for requirement in declared}
     # found by cuda-bindings
     names -= {"nvidia_cuda_nvrtc"}
     # pyrender brings its own OpenGL, pytest and Stable-Baselines3 are there when they load ours
     names |= {"PyOpenGL", "pytest", "stable_baselines3"}
     packages = {"PIL": "pillow", "zmq": "pyzmq", "OpenGL": "PyOpenGL", "rerun": "rerun_sdk"}
-    packages |= {"foxglove": "foxglove_sdk", "cuda": "cuda_bindings"}
+    packages |= {
+        "foxglove": "foxglove_sdk",
+        "cuda": "cuda_bindings",
+        "cv2": "opencv_python_headless",
+    }
     packages |= {"pyrender": "pyrender2"}
     imports = {packages.get(name, name) for name in DOORS}
     assert imports == names

@@ -10,6 +10,7 @@ import pytest
 
 import evs
 from evs_lab.fit import (
+    Estimate,
     FittedCamera,
     Light,
     Observed,
@@ -19,6 +20,7 @@ from evs_lab.fit import (
     fit_readout,
     replayed,
 )
+from evs_lab.fit import frames as frames_fit
 from reference import moving_texture
 
 WIDTH, HEIGHT = 64, 48
@@ -122,3 +124,21 @@ def test_a_scan_shows_in_the_intervals() -> None:
     assert abs(pace.number - 2500.0) < 4.0 * pace.error < 250.0
     plain = drifting(1.0, 1000, pos_thres=0.1, neg_thres=0.1, sigma_thres=0.01)
     assert not any(one.told for one in fit_readout(plain) if "scan" in one.key)
+
+
+def test_totals_set_the_ratio_that_windows_miss() -> None:
+    """What a street's windows gave: too low for ON, too high for OFF, and a leak below zero."""
+    on, off, seconds, leak_hz = 0.25, 0.28, 3000.0, 0.1
+    offs, change = 15_000.0, -150.0
+    ons = (change + on * leak_hz * seconds + off * offs) / on
+    totals = frames_fit._Totals(ons, offs, change, seconds, 300_000.0, 2500)
+    windows = [Estimate("pos_thres", 0.21, 0.035), Estimate("neg_thres", 0.31, 0.05)]
+    best = frames_fit._Solution(np.zeros(3), np.zeros(3), (0.02, 0.01), 0.1, 1.0, 0.0)
+    leak = Estimate("leak_rate_hz", leak_hz, 0.01)
+    fitted = frames_fit._balanced(windows, leak, totals, best)
+    assert abs(fitted[1].number / fitted[0].number / (off / on) - 1.0) < 0.05
+    assert abs(fitted[0].number * fitted[1].number / (0.21 * 0.31) - 1.0) < 0.02
+    assert [one.error for one in fitted] == [0.035, 0.05]
+    # light that only rises has no balance
+    rising = replace(totals, ons=1000.0, offs=10.0, change=250.0)
+    assert frames_fit._balanced(windows, leak, rising, best) == windows
