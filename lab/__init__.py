@@ -2,6 +2,7 @@
 
 evs_lab.characterise    a sensor as manufacturers measure it, against its parameters
 evs_lab.fit             a sensor file from recordings of a camera
+evs_lab.realism         sensors and streams beside real recordings
 evs_lab.metrics         two event streams: matched and false events, stamps, counts, distance
 evs_lab.evaluation      event models on noisy light against those of converged light
 evs_lab.sweep           speed against error around the presets

@@ -68,7 +68,7 @@ launch/support."""
 
 COMMANDS = {name: what for group in GROUPS.values() for name, what in group.items()}
 
-LAB = ("characterise", "evaluate", "fit", "sweep", "train", "tune")
+LAB = ("characterise", "evaluate", "fit", "realism", "sweep", "train", "tune")
 """Commands of evs-lab, a distribution of its own."""
 
 ABOUT = """evs: an event camera for MuJoCo scenes.

@@ -7,6 +7,7 @@ GROUPS = {
         ),
         "evaluate": "measure event models (error, recall, timing, cost) against converged light",
         "fit": "fit a sensor file to recordings of your own camera",
+        "realism": "compare sensors or streams of events with real recordings",
         "sweep": "measure speed and error around each preset, compared with frame-based simulators",
         "tune": (
             "find the pipeline for a scene that reaches a speed, or keeps an error, and write it"

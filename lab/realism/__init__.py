@@ -1,0 +1,1 @@
+"""Is a stream of events realistic? (`evs realism`)."""
