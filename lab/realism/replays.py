@@ -17,6 +17,7 @@ from evs.msgs.event import EVENT_DTYPE
 from evs_lab.fit import FittedCamera, Light, Observed, fit_camera, replayed, sensor_toml
 from evs_lab.fit.frames import FEWEST_FRAMES, frame_light
 from evs_lab.fit.observed import Mask
+from evs_lab.fit.replay import MOST_S
 from evs_lab.realism.paired import Likeness, Region, likeness
 
 LEAST_DN = 4.0
@@ -64,7 +65,8 @@ def replay_all(
         moved: Called with the name of each sensor before it is replayed.
 
     Raises:
-        EvsError: The recording has too few frames, or there are no such rows or sensors.
+        EvsError: The recording has too few frames or is too long, or there are no such rows or
+            sensors.
     """
     frames = frame_light(seen)
     if len(frames.mid_us) < 2 * FEWEST_FRAMES:
@@ -72,6 +74,11 @@ def replay_all(
             f"{seen.source} has {len(frames.mid_us)} intensity frames of {seen.width} x "
             f"{seen.height} px; a replay takes {2 * FEWEST_FRAMES}. Give a second recording to "
             "compare without frames"
+        )
+    if seen.seconds > MOST_S:
+        raise EvsError(
+            f"{seen.source} is {seen.seconds:.0f} s long; a replay takes at most {MOST_S:.0f} s. "
+            "Give a shorter part of it"
         )
     first_us, last_us = (round(float(frames.mid_us[k])) for k in (0, -1))
     middle_us = (first_us + last_us) // 2

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from evs.msgs import EvsError, Frame
 from evs.msgs.event import EVENT_DTYPE
 from evs_lab.fit import Observed
 from evs_lab.realism import unpaired
 from evs_lab.realism.compare import compare
 from evs_lab.realism.paired import Region, likeness
+from evs_lab.realism.replays import replay_all
 from evs_lab.realism.unpaired import QUANTITIES, Statistics, distance, pieces
 
 WIDTH, HEIGHT = 24, 16
@@ -79,6 +82,17 @@ def test_streams_of_one_kind_are_as_near_as_pieces_and_others_are_not() -> None:
     # another recording of the camera gives the floor
     _, rows = compare(real, [twin], stream(4, 20_000, 4.0, "again"))
     assert all(row.floor < 0.1 for row in rows)
+
+
+def test_a_recording_that_is_too_long_is_no_silent_sensor() -> None:
+    few = stream(1, 2000, 301.0)
+    white = np.full((HEIGHT, WIDTH), 200, np.uint8)
+    frames = tuple(
+        Frame(k, t_us, t_us, t_us + 1000, t_us + 1000, white)
+        for k, t_us in enumerate(range(0, 301_000_000, 15_000_000))
+    )
+    with pytest.raises(EvsError, match="at most 300 s"):
+        replay_all(replace(few, frames=frames), ["ideal"])
 
 
 def test_a_shift_of_a_distribution_is_its_distance() -> None:
